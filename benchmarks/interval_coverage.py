@@ -106,8 +106,12 @@ def nominal(joints: int, error: float) -> Model:
     """The arm as its file has it: masses, centres and inertias a share ``error`` too large or too small."""
     if not error:
         return robot(joints)[0]
+    return wrong_file(urdf(LINKS[6 - joints : 6], turn=1), joints, error)
+
+
+def wrong_file(text: str, joints: int, error: float) -> Model:
+    """The model of a robot file whose bodies, and whose friction, are a share ``error`` too large or too small."""
     rng = np.random.default_rng([5, joints])
-    text = urdf(LINKS[6 - joints : 6], turn=1)
     for pattern in (r'(<mass value=")([^"]+)', r'(<inertial><origin xyz=")([^"]+)', r'(i(?:xx|yy|zz)=")([^"]+)'):
         text = re.sub(pattern, lambda match: match[1] + scaled(match[2], 1 + error * rng.choice([-1, 1])), text)
     bodies = RigidBodies(text)

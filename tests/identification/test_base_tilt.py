@@ -10,14 +10,24 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.estimators import LeastSquares, PhysicallyConsistent
-from dynident.identification import Recipe, SteepBase, base_tilt, find_base_tilt, has_gravity, identify, tilt_base
+from dynident.estimators import Estimate, LeastSquares, PhysicallyConsistent, Problem
+from dynident.identification import (
+    BaseTilt,
+    Recipe,
+    SteepBase,
+    base_tilt,
+    find_base_tilt,
+    has_gravity,
+    identify,
+    tilt_base,
+)
+from dynident.identification.uncertainty import covariance_of_calibration
 from dynident.models import Model, RigidBodies
 from dynident.models.friction import Viscous
 from dynident.models.lagrangian import two_link_arm
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Spline
-from dynident.regression import EVERYTHING
+from dynident.regression import EVERYTHING, Regression, structural_base_parameters
 from dynident.runtime import ConfigError
 from tests.robots import joint, link, urdf
 
@@ -86,6 +96,26 @@ def test_standard_errors_and_errors_of_a_tilt_are_those_of_the_linearised_proble
     assert (found.before, found.after) == pytest.approx(
         (np.linalg.norm(before) / size, np.linalg.norm(rest) / size), rel=0.01
     )
+
+
+def test_the_parameters_are_as_uncertain_as_fits_with_other_tilts_differ() -> None:
+    model, motion = tilted(0.02, -0.035)
+    std = (1e-5, 2e-5)
+    basis = structural_base_parameters(model)
+
+    def fit(x: float, y: float) -> tuple[Regression, Estimate]:
+        regression = Regression(tilt_base(model, x, y), (motion,))
+        return regression, LeastSquares()(Problem(regression.model, (motion,), regression))
+
+    regression, estimate = fit(0.02, -0.035)
+    tilt = BaseTilt(0.02, -0.035, std, 2.0, 1.0)
+    found = covariance_of_calibration(regression.model, regression, estimate, None, tilt)
+    others = [fit(0.02 + std[0], -0.035), fit(0.02, -0.035 + std[1])]
+    changes = np.array([basis.to_base(other.value - estimate.value) for _, other in others])
+    B = basis.combination
+    np.testing.assert_allclose(np.sqrt(np.diag(B @ found @ B.T)), np.linalg.norm(changes, axis=0), rtol=0.06)  # noise
+    level = covariance_of_calibration(regression.model, regression, estimate, None, replace(tilt, x=0.0, y=0.0))
+    assert not level.any()
 
 
 @pytest.mark.parametrize(("x", "y"), [(0.17, 0.0), (0.0, -0.17)])

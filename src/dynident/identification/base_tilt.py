@@ -198,7 +198,7 @@ class _TiltGain:
             )[0]
         )
         # The tilt adds two columns, so that all folds are judged from triangular factors without another fit.
-        slopes = _tilt_slopes(model, motions, value, tilt)
+        slopes = [tilt_slopes(model, motion, value, tilt) for motion in motions]
         level = [_project_factors(fold_factors, directions) for fold_factors in level]
         tilted = [
             _project_factors(_append_columns(tilted_model, fold, slopes, selection), directions) for fold in folds
@@ -282,17 +282,14 @@ def _keep_spread_fold(motion: Motion, k: int, folds: int = FOLDS) -> Motion:
     return replace(motion, mask=mask)
 
 
-def _tilt_slopes(model: Model, motions: Sequence[Motion], value: Array, tilt: tuple[float, float]) -> list[Array]:
-    """Return the derivative of the torque by the tilt for each motion, (2, N, n) in N m/rad."""
-    slopes = []
-    for motion in motions:
-        # Central differences of the torque; the torque is nearly linear in a tilt of this size.
-        ends = [
-            [tilt_base(model, *(tilt + side * step)).torque(**motion.states(), theta=value) for side in (1, -1)]
-            for step in START_TILT * np.eye(2)
-        ]
-        slopes.append(np.array([(forward - backward) / (2 * START_TILT) for forward, backward in ends]))
-    return slopes
+def tilt_slopes(model: Model, motion: Motion, value: Array, tilt: tuple[float, float] = (0.0, 0.0)) -> Array:
+    """Return the derivative of the torque by the tilt, (2, N, n) in N m/rad."""
+    # Central differences of the torque; the torque is nearly linear in a tilt of this size.
+    ends = [
+        [tilt_base(model, *(tilt + side * step)).torque(**motion.states(), theta=value) for side in (1, -1)]
+        for step in START_TILT * np.eye(2)
+    ]
+    return np.array([(forward - backward) / (2 * START_TILT) for forward, backward in ends])
 
 
 def _append_columns(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
+from dynident.identification.base_tilt import BaseTilt
 from dynident.identification.calibration import Calibration, ChosenTerms, calibrate, choose_in_rounds, prepare
 from dynident.identification.dataset import (
     Dataset,
@@ -25,7 +26,7 @@ from dynident.identification.outliers import held_out_outliers
 from dynident.identification.recipe import Recipe
 from dynident.identification.result import Identifiability, Identification, Sources, versions
 from dynident.identification.time_offset import Alignment
-from dynident.identification.uncertainty import RobustStd, covariance_of_time_offset, identifiability_of
+from dynident.identification.uncertainty import RobustStd, covariance_of_calibration, identifiability_of
 from dynident.models import Model
 from dynident.motion.log import Log
 from dynident.motion.smoothers import smooth_log, strip_time_offset
@@ -78,7 +79,7 @@ def identify(
         problem = Problem(
             setup.model, setup.motions.train, regression.factorise(), data.fitted_logs(setup.motions), setup.time_offset
         )
-        fit = estimate_parameters(problem, setup.recipe.estimator, setup.alignment)
+        fit = estimate_parameters(problem, setup.recipe.estimator, setup.alignment, setup.calibration.base_tilt)
         calibration, notes = setup.calibration, setup.notes
         if terms is not None:
             calibration, notes = replace(calibration, terms=terms.choice), (*notes, *terms.notes)
@@ -89,8 +90,8 @@ def identify(
 class ParameterFit:
     """An ``estimate`` of a problem and the weighted ``regression`` that it is of.
 
-    ``motion_covariance`` (p, p) is that by errors of the motion and the time offset, and ``notes`` say what of these
-    was corrected.
+    ``motion_covariance`` (p, p) is that by errors of the motion, the time offset and the base tilt; ``notes`` say what
+    of these was corrected.
     """
 
     problem: Problem
@@ -100,14 +101,16 @@ class ParameterFit:
     notes: tuple[Note, ...] = ()
 
 
-def estimate_parameters(problem: Problem, estimator: Estimator, alignment: Alignment) -> ParameterFit:
+def estimate_parameters(
+    problem: Problem, estimator: Estimator, alignment: Alignment, tilt: BaseTilt | None = None
+) -> ParameterFit:
     """Fit the parameters, and correct the bias by the smoothed motion where that is significant."""
     report_progress("estimating")
     estimate = call_part(estimator, problem, Estimate)
     regression = estimate.residual.weight_rows(problem.regression)
     fit = ParameterFit(
         problem, estimate, regression,
-        covariance_of_time_offset(problem.model, regression, estimate, alignment.time_offset),
+        covariance_of_calibration(problem.model, regression, estimate, alignment.time_offset, tilt),
     )  # fmt: skip
     if estimate.information is not None:  # the estimator has its own motion, with its errors
         return fit

@@ -34,7 +34,7 @@ from dynident.identification.pieces import (
 from dynident.identification.recipe import Recipe, Rests
 from dynident.identification.repetition import credible_share, pieces_of
 from dynident.identification.result import Identification
-from dynident.identification.uncertainty import RobustStd, covariance_of_time_offset
+from dynident.identification.uncertainty import RobustStd, covariance_of_calibration
 from dynident.models import Model
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Smoother, overlap
@@ -192,8 +192,9 @@ def _estimate_from_pieces(
     """Fit the parameters to all pieces; correct a significant bias by the motion, as repetitions of pieces show it."""
     model, recipe, regression = problem.model, plan.reducer.recipe, problem.regression
     estimate = call_part(recipe.estimator, problem, Estimate)
-    offset_covariance = covariance_of_time_offset(model, sample, estimate, plan.identification.calibration.time_offset)
-    fit = ParameterFit(problem, estimate, regression, offset_covariance)
+    calibration = plan.identification.calibration
+    covariance = covariance_of_calibration(model, sample, estimate, calibration.time_offset, calibration.base_tilt)
+    fit = ParameterFit(problem, estimate, regression, covariance)
     report_progress("repeating the smoothing")
     weights = estimate.residual.weights
     repetitions = (piece.repetitions(model.structure) for piece in pieces)

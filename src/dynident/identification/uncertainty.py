@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dynident.estimators import Estimate
 from dynident.estimators.least_squares import weight_joints
+from dynident.identification.base_tilt import BaseTilt, tilt_slopes
 from dynident.identification.result import Identifiability, StandardErrors
 from dynident.identification.time_offset import TimeOffset
 from dynident.models import Model
@@ -175,25 +176,33 @@ def _load_projections(regression: Regression, theta: Array, weights: Array) -> A
 TIME_STEP = 1e-4  # s, to differentiate by the time offset
 
 
-def covariance_of_time_offset(
-    model: Model, regression: Regression, estimate: Estimate, time_offset: TimeOffset | None
+def covariance_of_calibration(
+    model: Model, regression: Regression, estimate: Estimate, time_offset: TimeOffset | None, tilt: BaseTilt | None
 ) -> Array:
-    """Return the covariance (p, p) of the parameters by the standard error of the time offset."""
-    p = len(model.parameters)
-    if time_offset is None or not time_offset.seconds or time_offset.std is None:
-        return np.zeros((p, p))
-    torques = []
-    # The torque that a shift of one standard error makes is projected on the parameters.
+    """Return the covariance (p, p) of the parameters by the standard errors of the time offset and the base tilt.
+
+    Where these were found to be zero, they count as known.
+    """
+    has_offset = time_offset is not None and time_offset.seconds and time_offset.std is not None
+    has_tilt = tilt is not None and (tilt.x or tilt.y)
+    theta, torques = estimate.value, []
+    # The torques that an offset and tilts of one standard error make are projected on the parameters.
     for motion in regression.motions:
-        ends = [motion.shift(side * TIME_STEP) for side in (1.0, -1.0)]
-        forward, backward = (model.torque(**shifted.states(), theta=estimate.value) for shifted in ends)
-        torques.append((forward - backward)[:, :, None] / (2 * TIME_STEP))
+        columns = [np.zeros_like(motion.q)]
+        if has_offset and time_offset:
+            ends = [motion.shift(side * TIME_STEP) for side in (1.0, -1.0)]
+            forward, backward = (model.torque(**shifted.states(), theta=theta) for shifted in ends)
+            columns.append((time_offset.std or 0.0) * (forward - backward) / (2 * TIME_STEP))
+        if has_tilt and tilt:
+            pairs = zip(tilt_slopes(model, motion, theta), tilt.std, strict=True)
+            columns += [slope * std for slope, std in pairs if np.isfinite(std)]
+        torques.append(np.stack(columns, axis=2))
     weights, follows = estimate.residual.weights, estimate.residual.weight_by_slopes(regression)
     ones = np.ones(len(model.joints)) if weights is None else weights
     _, rank = weight_joints(
         follows.triangular_factors, ones, model.parameters, unwhitened_rank=estimate.unwhitened_rank
     )
-    parameter_changes = time_offset.std * rank.inverse @ follows.weighted_products(torques, weights)
+    parameter_changes = rank.inverse @ follows.weighted_products(torques, weights)
     return np.asarray(parameter_changes @ parameter_changes.T)
 
 
@@ -206,7 +215,7 @@ def identifiability_of(
 ) -> tuple[StandardErrors, Identifiability]:
     """Return the standard errors, and the base parameters where not all parameters are determined.
 
-    ``extra_covariance`` (p, p) is that by errors of the motion and of its time offset. ``robust`` gives the
+    ``extra_covariance`` (p, p) is that by errors of the motion, its time offset and the base tilt. ``robust`` gives the
     standard errors that allow for correlated residuals, as ``correlated_std`` does. What only the torques of
     ``unfitted`` joints could show does not count as missing.
     """

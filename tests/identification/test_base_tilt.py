@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from dynident.estimators import Estimate, LeastSquares, PhysicallyConsistent, Problem
 from dynident.identification import (
@@ -96,6 +97,25 @@ def test_standard_errors_and_errors_of_a_tilt_are_those_of_the_linearised_proble
     assert (found.before, found.after) == pytest.approx(
         (np.linalg.norm(before) / size, np.linalg.norm(rest) / size), rel=0.01
     )
+
+
+def test_standard_errors_hold_where_torque_noise_is_correlated() -> None:
+    """Compared with the exact ones of least squares, for AR(1) noise whose slow part the parameters take up."""
+    model, motion = tilted(0.02, -0.035)
+    motion = motion.shift(0.0, np.arange(0, len(motion), 3))
+    true_model, rho, size = tilt_base(model, 0.02, -0.035), 0.9, 0.05
+    theta = np.array([0.3 if p.value is None else p.value for p in model.parameters])
+    Y = true_model.regressor(motion.q, motion.dq, motion.ddq)
+    lines = np.concatenate([Y, np.moveaxis(base_tilt.tilt_slopes(true_model, motion, theta), 0, 2)], axis=2)
+    inverse = np.linalg.pinv(lines.reshape(-1, lines.shape[2]), rcond=1e-9)[-2:].reshape(2, *motion.q.shape)
+    lag = np.abs(np.subtract.outer(range(len(motion)), range(len(motion))))
+    exact = size * np.sqrt(np.einsum("atj,ts,asj->a", inverse, rho**lag, inverse, optimize=True))
+    torque, stated = true_model.torque(motion.q, motion.dq, motion.ddq, theta), []
+    for rng in np.random.default_rng(3).spawn(3):
+        fresh = rng.standard_normal((len(motion) + 200, 3)) * np.sqrt(1 - rho**2)
+        noise = size * lfilter([1.0], [1.0, -rho], fresh, axis=0)[200:]
+        stated.append(find_base_tilt(model, [replace(motion, tau=torque + noise)], LeastSquares()).std)
+    np.testing.assert_allclose(np.mean(stated, axis=0), exact, rtol=0.2)
 
 
 def test_the_parameters_are_as_uncertain_as_fits_with_other_tilts_differ() -> None:

@@ -1,8 +1,9 @@
 """What FIGAROH's own functions find for an arm: PYTHON figaroh_fit.py IN.npz OUT.json.
 
 Run by a Python that has figaroh 1.0.2, not by that of dynident. IN holds the robot file (``urdf``), ``gravity`` (3),
-``t`` (N) s, ``q`` and ``tau`` (N, n); OUT the fits: their names, the parameters (10 a link, then rotor inertia, viscous
-and Coulomb friction and offset by joint; zero where a base parameter stands for them) and the seconds of CPU.
+``t`` (N) s, ``q`` and ``tau`` (N, n), and, if another, ``decimate``; OUT the fits: their names, the parameters (10 a
+link, then rotor inertia, viscous and Coulomb friction and offset by joint; zero where a base parameter stands for them)
+and the seconds of CPU.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ def fits(robot: RobotWrapper, recording: dict[str, Any]) -> list[dict[str, Any]]
     found.calculate_full_regressor()
     found.initialize_standard_parameters()
     reduced, active = found._eliminate_zero_columns(0.001)
-    rows = found._apply_decimation(reduced, DECIMATE)
+    rows = found._apply_decimation(reduced, int(recording.get("decimate", DECIMATE)))
     plain = found._calculate_base_parameters(*rows, active)["phi_base"]
     first = time.process_time() - began
     found._fit_blocks = lambda: range(robot.model.nv)  # one block of rows for each joint

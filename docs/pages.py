@@ -1,4 +1,4 @@
-"""The pages of the site, a hook of mkdocs: the repository's own, and the API: the names of ``dynident`` by topic.
+"""The pages of the site, a hook of mkdocs: the repository's own, the commands, and the API: the names of ``dynident``.
 
 The site has the folders of the repository, so that a link works in both.
 """
@@ -6,6 +6,7 @@ The site has the folders of the repository, so that a link works in both.
 from __future__ import annotations
 
 import ast
+import runpy
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +102,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for title, names in API.items():
         text = "\n\n".join(f"::: {places[name]}" for name in names)
         files.append(File.generated(config, api_page(title), content=f"# {title}\n\n{text}\n"))
+    commands = runpy.run_path(str(Path(__file__).with_name("commands.py")))["reference"]()
+    files.append(File.generated(config, "docs/cli.md", content=commands))
     light, dark = (HtmlFormatter(style=style).get_style_defs(".highlight") for style in ("default", "monokai"))
     colours = f"{light}\n@media (prefers-color-scheme: dark) {{\n{dark}\n}}\n"
     files.append(File.generated(config, "docs/code.css", content=colours))

@@ -125,7 +125,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_post_build(config: MkDocsConfig) -> None:
-    """Leave the pages of the project out of the search, which is for users, and let it look for all words of a query."""
+    """Leave the pages of the project out of the search, and let it look for all words of a query."""
     folder = Path(config.site_dir, "search")
     worker, path = folder / "worker.js", folder / "search_index.json"
     code = worker.read_text(encoding="utf-8")

@@ -1,7 +1,8 @@
 // Asks the search of the built site what users ask, and ends with 1 where another page comes first than one of those that
-// answer: node docs/questions.js (after `python3 dev.py docs`; -v shows the first three of each).
+// answer: node docs/questions.js [SITE] (after `python3 dev.py docs`; -v shows the first three pages of each).
 const fs = require("fs"), path = require("path");
-const folder = path.join(__dirname, "..", "site", "search");
+const [site] = process.argv.slice(2).filter((word) => word !== "-v");
+const folder = path.resolve(site || path.join(__dirname, "..", "site"), "search");
 const lunr = require(path.join(folder, "lunr.js"));
 const { docs } = JSON.parse(fs.readFileSync(path.join(folder, "search_index.json"), "utf8"));
 const QUESTIONS = {

@@ -95,13 +95,13 @@ def test_configuration_keys_and_defaults(heading: str, section: type[Section]) -
 
 @pytest.mark.parametrize("kind", LOOPS)
 def test_configuration_keys_and_defaults_of_loops(kind: str) -> None:
-    for heading, section in zip(("simulation in a loop", "drive"), LOOPS[kind], strict=True):
+    for heading, settings_of_loop in zip(("simulation in a loop", "drive"), LOOPS[kind], strict=True):
         told = {
             key.strip("`"): yaml.safe_load(shown.strip("`"))
             for key, shown, kinds, *_ in (row for row in rows(heading) if len(row) == 4)
             if kinds == "all" or kind in kinds.split(", ")
         }
-        assert told == {key: default(section, key) for key in section.model_fields}
+        assert told == {key: default(settings_of_loop, key) for key in settings_of_loop.model_fields}
 
 
 def test_configuration_lists_every_term_with_its_settings() -> None:

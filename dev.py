@@ -21,6 +21,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 import venv
 from collections.abc import Callable
 from pathlib import Path
@@ -29,7 +30,7 @@ ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
-READERS = "hdf5,mujoco,ros,ui,xacro"  # extras for the files that a user may bring, and for the page of `tune`
+EXTRAS = {"reproduce": "symbolic", "tune": "ui"}  # what single commands need, installed when they are called
 PEER = "figaroh==1.0.2"  # with twenty packages of its own
 MUTANTS = ("cosmic-ray==8.7.0", "pytest-cov==7.1.0")
 KERNEL = ROOT / "src" / "dynident" / "runtime" / "kernel"
@@ -132,18 +133,29 @@ def digest() -> str:
     return hashlib.sha256(b"".join(path.read_bytes() for path in sources) + str(ROOT).encode()).hexdigest()
 
 
-def install(extra: str) -> None:
-    """Install the package, editable, with extras; at once if this was done before from the same files."""
-    stamp = VENV / f"installed-{extra}"
+def requirements(words: list[str]) -> list[str]:
+    """Return what pip is to install for extras and groups: the groups are read here, as only pip 25.1 knows them."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    groups = settings["dependency-groups"]
+    extras = ",".join(word for word in words if word not in groups)
+    grouped = [requirement for word in words for requirement in groups.get(word, ())]
+    return ["--editable", f".[{extras}]" if extras else ".", *grouped]
+
+
+def install(needs: str) -> None:
+    """Install the package, editable, with extras and groups; at once if this was done before from the same files."""
+    words = [word for word in needs.split(",") if word]
+    stamp = VENV / f"installed-{needs or 'base'}"
     if PYTHON.exists() and stamp.exists() and stamp.read_text() == digest():
         return
-    print(f"Installing dynident into {VENV} (about 0.6 GB, once) ...", file=sys.stderr, flush=True)
+    size = "once" if words else "about 0.4 GB, once"
+    print(f"Installing dynident into {VENV} ({size}) ...", file=sys.stderr, flush=True)
     if not PYTHON.exists() or subprocess.run([PYTHON, "-m", "pip", "--version"], capture_output=True).returncode:
         try:
             venv.create(VENV, with_pip=True, clear=True)
         except subprocess.CalledProcessError:
             sys.exit("This Python cannot make an environment with pip; on Debian and Ubuntu: apt install python3-venv")
-    pip("--constraint", "constraints.txt", "--editable", f".[{extra}]")
+    pip("--constraint", "constraints.txt", *requirements(words))
     stamp.write_text(digest())
 
 
@@ -171,7 +183,9 @@ def demo(arguments: list[str]) -> None:
 
 
 def dynident(arguments: list[str]) -> None:
-    """Run a command of dynident where the user stands."""
+    """Run a command of dynident where the user stands, with what it needs beyond others."""
+    if extra := EXTRAS.get(arguments[0] if arguments else ""):
+        install(extra)
     os.environ["DYNIDENT_COMMAND"] = f"{called()} run"
     become(*DYNIDENT, *arguments)
 
@@ -239,16 +253,19 @@ def release(_: list[str]) -> None:
     with tempfile.TemporaryDirectory() as place:
         venv.create(place, with_pip=True)
         python = Path(place, BIN.name, PYTHON.name)
-        run(python, "-m", "pip", "install", "--quiet", "--constraint", ROOT / "constraints.txt", wheel)
-        for words in (("--version",), ("reproduce", "--runs", "2", "--out", "study-out"), ("demo",)):
+        pip_install = (python, "-m", "pip", "install", "--quiet", "--constraint", ROOT / "constraints.txt")
+        run(*pip_install, wheel)
+        for words in (("--version",), ("demo",)):
             run(python, "-P", "-m", "dynident", *words, folder=Path(place))
+        run(*pip_install, f"{wheel}[symbolic]")
+        run(python, "-P", "-m", "dynident", "reproduce", "--runs", "2", "--out", "study-out", folder=Path(place))
     print(f"{sdist.name} and {wheel.name} are in {dist}, and work.")
 
 
-# each with its extras
+# each with its extras and groups
 TASKS: dict[str, tuple[str, Callable[[list[str]], None]]] = {
-    "demo": (READERS, demo),
-    "run": (READERS, dynident),
+    "demo": ("", demo),
+    "run": ("", dynident),
     "test": ("dev", test),
     "lint": ("dev,docs", lint),
     "docs": ("docs", docs),

@@ -1,7 +1,9 @@
-"""Adds to what is built from a clone its commit, for `dynident --version`, and to a wheel the compiled kernel.
+"""Adds to what is built from a clone its commit, for `dynident --version`, and the README with links that work on a
+package index; to a wheel the compiled kernel, and plotly's JavaScript, which draws the figures of reports.
 
-Neither is needed: without git there is no commit, and without a C compiler no kernel, which NumPy and LAPACK stand in
-for. Whatever goes wrong with a compiler is said by `pip install -v`, and is no reason not to install.
+Without git there is no commit, and without a C compiler no kernel, which NumPy and LAPACK stand in for. Whatever goes
+wrong with a compiler is said by `pip install -v`, and is no reason not to install. The script is one file of 5 MB out
+of the package plotly, which takes 70 MB where it is installed.
 """
 
 from __future__ import annotations
@@ -9,14 +11,19 @@ from __future__ import annotations
 import os
 import re
 import runpy
+import shutil
 import subprocess
 import tempfile
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 KERNEL = Path("src", "dynident", "runtime", "kernel")
+SCRIPT = Path("dynident", "report", "templates", "plotly.min.js")
+LINK = re.compile(r"(!?)(\[[^\]]*\])\((?!\w+:|#)([^)\s]+)\)")  # image or not, text, target in the repository
 
 
 class CommitAndKernel(BuildHookInterface):  # type: ignore[type-arg]
@@ -30,6 +37,7 @@ class CommitAndKernel(BuildHookInterface):  # type: ignore[type-arg]
         if version != "editable":
             self._add_commit(build_data)
         if self.target_name == "wheel":
+            self._add_script(version, build_data)
             target = Path(self.root, KERNEL) if version == "editable" else Path(self.folder.name)
             files = self._compiled(target)
             if files and version != "editable":
@@ -40,6 +48,18 @@ class CommitAndKernel(BuildHookInterface):  # type: ignore[type-arg]
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Remove what was written for the build."""
         self.folder.cleanup()
+
+    def _add_script(self, version: str, build_data: dict[str, Any]) -> None:
+        """Add plotly's JavaScript, where plotly is installed: pip does so for the build."""
+        spec = find_spec("plotly")
+        if spec is None or spec.origin is None:
+            self.app.display_warning("Without plotly no script is added: reports need plotly to be installed")
+            return
+        script = Path(spec.origin).parent / "package_data" / SCRIPT.name
+        if version == "editable":
+            shutil.copyfile(script, Path(self.root, "src", SCRIPT))
+        else:
+            build_data["force_include"][str(script)] = SCRIPT.as_posix()
 
     def _add_commit(self, build_data: dict[str, Any]) -> None:
         """Add commit.txt; a wheel that is built from an sdist takes it from there."""
@@ -67,6 +87,34 @@ class CommitAndKernel(BuildHookInterface):  # type: ignore[type-arg]
             self.app.display_warning(f"The kernel is not compiled, NumPy and LAPACK are used instead: {error}")
             return ()
         return build["FILE"], build["RECORD"]
+
+
+class ReadmeAndAddresses(MetadataHookInterface):
+    """Gives the package its README and addresses, by the setting ``repository`` of the hook in pyproject.toml."""
+
+    PLUGIN_NAME = "custom"
+
+    def update(self, metadata: dict[str, Any]) -> None:
+        """Add readme and urls; without a repository links stay relative, and there are no addresses."""
+        text = Path(self.root, "README.md").read_text(encoding="utf-8")
+        repository = str(self.config.get("repository", ""))
+        source = Path(self.root, "src", "dynident", "_version.py").read_text(encoding="utf-8")
+        version = re.search(r'__version__ = "(.+)"', source)
+        if repository and version:
+            text = absolute_links(text, repository, f"v{version[1]}")
+            changes = f"{repository}/blob/v{version[1]}/CHANGELOG.md"
+            metadata["urls"] = {"Source": repository, "Issues": f"{repository}/issues", "Changelog": changes}
+        metadata["readme"] = {"content-type": "text/markdown", "text": text}
+
+
+def absolute_links(text: str, repository: str, tag: str) -> str:
+    """Return Markdown whose relative links and pictures are those of a tag of the repository."""
+
+    def absolute(link: re.Match[str]) -> str:
+        kind = "raw" if link[1] else "blob"  # the addresses of a picture and of a page
+        return f"{link[1]}{link[2]}({repository}/{kind}/{tag}/{link[3]})"
+
+    return LINK.sub(absolute, text)
 
 
 def platform_tag() -> str:

@@ -35,7 +35,7 @@ VALUES: tuple[dict[Any, Any], ...] = (
 )
 FIXED = {"MissingTerm": {"partner": "", "period": 0.0}, "WrongTimeUnit": {"factor": 1e3}}
 SAID_ELSEWHERE = (Remark, ForbiddingFindings, SetRight, Broken)  # pass on what another says
-MIN_LETTERS = 24  # of a quote that has no figures
+MIN_LETTERS, MAX_WORDS = 24, 11  # of a quote
 MARK = re.compile(r'<!--([\w.]+)-->(?:"[^"\n]*")?')
 
 
@@ -82,10 +82,11 @@ def quote(kind: type) -> str:
 
 
 def _first_clauses(text: str) -> str:
-    """Return as many clauses of a text as have enough letters to be recognised."""
+    """Return as many clauses of a text as have enough letters to be recognised, and of these the first words."""
     clauses = re.split(r"(?<=[,.:;?]) ", text)
     starts = [" ".join(clauses[: k + 1]) for k in range(len(clauses))]
     start = next((start for start in starts if len(re.findall("[A-Za-z]", start)) >= MIN_LETTERS), text)
+    start = " ".join(start.split(" ")[:MAX_WORDS])
     if start.count("(") > start.count(")"):
         start = start[: start.rindex("(")]
     return re.sub(r"^…[.:] ", "", start).rstrip(" ,.:;").replace("|", "/")

@@ -1,4 +1,4 @@
-"""The pages of the site, a hook of mkdocs: the repository's own, and the API: the names of ``dynident`` by topic.
+"""The pages of the site, a hook of mkdocs: the repository's own, the commands, and the API: the names of ``dynident``.
 
 The site has the folders of the repository, so that a link works in both.
 """
@@ -6,6 +6,8 @@ The site has the folders of the repository, so that a link works in both.
 from __future__ import annotations
 
 import ast
+import json
+import runpy
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,18 @@ from mkdocs.structure.files import File, Files
 from pygments.formatters import HtmlFormatter
 
 ROOT = Path(__file__).parents[1]
+# in the worker of the search: a word of a title counts more, and a page has all words, where there is one
+SEARCH = {
+    "this.field('title')": "this.field('title', { boost: 3 })",
+    "index.search(query)": "search_all(query)",
+}
+SEARCH_ALL = """
+function search_all (query) {
+  var words = query.toLowerCase().split(/\\s+/).filter(lunr.stopWordFilter);
+  var found = index.search(words.map(function (word) { return '+' + word; }).join(' '));
+  return found.length ? found : index.search(query);
+}
+"""
 KERNEL = "src/dynident/runtime/kernel/README.md"
 SHOWN = ("*.md", "LICENSE", "CITATION.cff", "docs/*.md", "docs/*.png", "docs/*.svg", "docs/*.css", "examples/*", KERNEL)
 GUIDES = {
@@ -101,11 +115,32 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for title, names in API.items():
         text = "\n\n".join(f"::: {places[name]}" for name in names)
         files.append(File.generated(config, api_page(title), content=f"# {title}\n\n{text}\n"))
+    commands = runpy.run_path(str(Path(__file__).with_name("commands.py")))["reference"]()
+    files.append(File.generated(config, "docs/cli.md", content=commands))
     light, dark = (HtmlFormatter(style=style).get_style_defs(".highlight") for style in ("default", "monokai"))
     colours = f"{light}\n@media (prefers-color-scheme: dark) {{\n{dark}\n}}\n"
     files.append(File.generated(config, "docs/code.css", content=colours))
     config.nav = navigation()
     return files
+
+
+def on_post_build(config: MkDocsConfig) -> None:
+    """Leave the pages of the project out of the search, and let it look for all words of a query."""
+    folder = Path(config.site_dir, "search")
+    worker, path = folder / "worker.js", folder / "search_index.json"
+    code = worker.read_text(encoding="utf-8")
+    for old, new in SEARCH.items():
+        if code.count(old) != 1:
+            raise PluginError(f"docs/pages.py: {worker} has no {old}")
+        code = code.replace(old, new)
+    worker.write_text(code + SEARCH_ALL, encoding="utf-8")
+    index = json.loads(path.read_text(encoding="utf-8"))
+    project = {f"{page.stem}.html" for page in ROOT.glob("*.md")} | {KERNEL.replace("README.md", "index.html")}
+    index["docs"] = [doc for doc in index["docs"] if doc["location"].partition("#")[0] not in project]
+    for doc in index["docs"]:
+        if doc["location"].startswith("api/") and "#" in doc["location"]:
+            doc["title"] = f"dy.{doc['title']}"  # so that a guide with this word in its title comes first
+    path.write_text(json.dumps(index), encoding="utf-8")
 
 
 def navigation() -> list[Any]:

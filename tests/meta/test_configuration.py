@@ -45,26 +45,30 @@ SECTIONS: dict[str, type[Section]] = {
     "robot": settings.RobotSettings,
     "coupling": settings.CouplingSettings,
     "filter": settings.FilterSettings,
-    "simulation cascade": drive_settings.CascadeSettings,
-    "drive": drive_settings.CascadeJoint,
-    "simulation pd": drive_settings.PDSettings,
-    "drive pd": drive_settings.PDJoint,
-    "simulation pid": drive_settings.PIDSettings,
-    "drive pid": drive_settings.PIDJoint,
-    "simulation by a function": drive_settings.FunctionSettings,
-    "drive by a function": drive_settings.FunctionJoint,
     "simulation from torque": drive_settings.TorqueInputSettings,
     "simulation of servos": drive_settings.ServoSettings,
     "servo of a joint": drive_settings.ServoJoint,
 }
+# by kind, the settings of a controller and of its drives: one table for all, with a column of kinds
+LOOPS: dict[str, tuple[type[Section], type[Section]]] = {
+    "cascade": (drive_settings.CascadeSettings, drive_settings.CascadeJoint),
+    "pd": (drive_settings.PDSettings, drive_settings.PDJoint),
+    "pid": (drive_settings.PIDSettings, drive_settings.PIDJoint),
+    "function": (drive_settings.FunctionSettings, drive_settings.FunctionJoint),
+}
 MAPPINGS = {PARTS["estimator consistent"]: ("bounds", "centre_of_mass")}  # kept as pairs
+
+
+def text_below(heading: str) -> str:
+    """The text of configuration.md below a heading."""
+    text = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
+    (part,) = re.findall(rf"^## (?i:{heading})\n((?:(?!## ).*\n)*)", text, flags=re.MULTILINE)
+    return str(part)
 
 
 def rows(heading: str) -> list[list[str]]:
     """The cells of the table below a heading of configuration.md, without its head."""
-    text = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
-    (part,) = re.findall(rf"^## (?i:{heading})\n((?:(?!## ).*\n)*)", text, flags=re.MULTILINE)
-    table = [line for line in part.splitlines() if line.startswith("|")]
+    table = [line for line in text_below(heading).splitlines() if line.startswith("|")]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in table[2:]]
 
 
@@ -82,7 +86,22 @@ def default(section: type[Section], key: str) -> Any:
 @pytest.mark.parametrize(("heading", "section"), (SECTIONS | PARTS | APPLICATIONS).items())
 def test_configuration_keys_and_defaults(heading: str, section: type[Section]) -> None:
     told = {key.strip("`"): yaml.safe_load(shown.strip("`")) for key, shown, *_ in rows(heading)}
-    assert told == {key: default(section, key) for key in section.model_fields}
+    # the kind of a part is said above its table
+    assert told == {key: default(section, key) for key in section.model_fields if key != "kind"}
+    if "kind" in section.model_fields:
+        part = heading.partition(" ")[2].replace(" ", "_") or "least_squares"
+        assert f"`kind: {part if heading in PARTS else ''}" in text_below(heading)
+
+
+@pytest.mark.parametrize("kind", LOOPS)
+def test_configuration_keys_and_defaults_of_loops(kind: str) -> None:
+    for heading, settings_of_loop in zip(("simulation in a loop", "drive"), LOOPS[kind], strict=True):
+        told = {
+            key.strip("`"): yaml.safe_load(shown.strip("`"))
+            for key, shown, kinds, *_ in (row for row in rows(heading) if len(row) == 4)
+            if kinds == "all" or kind in kinds.split(", ")
+        }
+        assert told == {key: default(settings_of_loop, key) for key in settings_of_loop.model_fields}
 
 
 def test_configuration_lists_every_term_with_its_settings() -> None:
@@ -104,7 +123,7 @@ def test_configuration_has_every_section_and_unit() -> None:
         if isinstance(value, type) and issubclass(value, Section)
     }
     bases = {Section, fields.Angle, drive_settings.LoopSettings, drive_settings.LoopJoint}
-    assert set(SECTIONS.values()) == sections - bases
+    assert {*SECTIONS.values(), *(section for pair in LOOPS.values() for section in pair)} == sections - bases
     for dimension, units in rows("Units"):
         assert re.findall(r"`([^`]+)`", units) == list(UNITS[dimension])
     assert len(rows("Units")) == len(UNITS)

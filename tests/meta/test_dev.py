@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -34,8 +35,8 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     python.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} "$@"\n')
     python.chmod(0o755)
     module = runpy.run_path(str(folder / "dev.py"))
-    for extras, _ in module["TASKS"].values():
-        (folder / ".venv" / f"installed-{extras}").write_text(module["digest"]())
+    for needs in ("base", *(needs for needs, _ in module["TASKS"].values() if needs), *module["EXTRAS"].values()):
+        (folder / ".venv" / f"installed-{needs}").write_text(module["digest"]())
     (folder / ".venv" / "kernel").write_text(module["kernel_digest"]())
     return folder
 
@@ -252,3 +253,25 @@ def test_ctrl_c_is_for_the_command_to_answer(project: Path) -> None:
     os.killpg(process.pid, signal.SIGINT)
     assert process.communicate()[1] == ""
     assert process.returncode == 7
+
+
+def test_extras_and_groups_become_requirements(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Old pips know no groups, so that pip is given what they hold."""
+    requirements = dev(project, monkeypatch, "python3", "dev.py")["requirements"]
+    assert requirements([]) == ["--editable", "."]
+    assert requirements(["ui", "hdf5"]) == ["--editable", ".[ui,hdf5]"]
+    words = requirements(["xacro", "dev", "docs"])
+    assert words[:2] == ["--editable", ".[xacro]"]
+    assert any(word.startswith("pytest>=") for word in words)
+    assert any(word.startswith("mkdocs>=") for word in words)
+
+
+def test_what_a_command_needs_is_installed_when_it_is_called(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[str] = []
+    names = dev(project, monkeypatch, "python3", "dev.py", install=calls.append, become=lambda *_: None)
+    for command in ("identify", "tune"):
+        names["main"](["run", command])
+    assert calls == ["", "", "ui"]
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert set(names["EXTRAS"]) <= set(main.commands)
+    assert set(names["EXTRAS"].values()) <= set(settings["project"]["optional-dependencies"])

@@ -219,10 +219,8 @@ def public_classes() -> dict[str, set[str]]:
     return found
 
 
-def test_cli_reference_is_fresh() -> None:
-    """Where it is stale: .venv/bin/python docs/generate_cli.py."""
-    made = runpy.run_path(str(ROOT / "docs" / "generate_cli.py"))["reference"]()
-    assert (ROOT / "docs" / "cli.md").read_text(encoding="utf-8") == made
+def test_the_reference_of_commands_has_each_option() -> None:
+    made = runpy.run_path(str(ROOT / "docs" / "commands.py"))["reference"]()
     for name, command in main.commands.items():
         assert f"## dynident {name}\n" in made
         for parameter in command.params:

@@ -32,7 +32,7 @@ from tests.robots import ARM
 PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
 PARTS = dict(
     zip(
-        ("sg", "buffer", "creep", "huber", "raw", "csv"),
+        ("sg", "buffer", "creep", "huber", "raw"),
         re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.M | re.S),
         strict=True,
     )

@@ -95,5 +95,6 @@ def test_every_dependency_is_pinned_without_an_address() -> None:
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
     assert all(re.fullmatch(r"[a-z0-9-]+==[\w.]+( ; [\w'<>=!. ]+)?", line) for line in lines)
     pinned = {line.partition("==")[0] for line in lines}
-    for wanted in (PROJECT["dependencies"], *PROJECT["optional-dependencies"].values()):
+    groups = SETTINGS["dependency-groups"].values()
+    for wanted in (PROJECT["dependencies"], *PROJECT["optional-dependencies"].values(), *groups):
         assert {re.split(r"[<>=; ]", one)[0].lower() for one in wanted} <= pinned

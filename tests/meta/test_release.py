@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import runpy
 import subprocess
 import sys
 import tarfile
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -47,3 +49,30 @@ def test_the_release_has_one_date_and_a_summary() -> None:
     if heading[1] != "unreleased":
         assert heading[1] == str(citation["date-released"])
         assert heading[2].isalpha()  # a paragraph, before the lists
+
+
+@pytest.mark.skipif(importlib.util.find_spec("hatchling") is None, reason="hatchling, which builds, is missing")
+def test_links_of_the_readme_are_absolute_where_a_repository_is_named() -> None:
+    hook = runpy.run_path(str(ROOT / "hatch_build.py"))
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert package_text(hook) == {"readme": {"content-type": "text/markdown", "text": readme}}
+    named = package_text(hook, repository="https://example.org/dynident")
+    text, place = named["readme"]["text"], "https://example.org/dynident"
+    assert f"]({place}/raw/v{__version__}/docs/report.png)" in text
+    assert f"]({place}/blob/v{__version__}/docs/tutorial.md)" in text
+    assert f"{place}/blob/v{__version__}/docs/maximum_likelihood.md#the-cram" in text
+    assert all(target.startswith("https://") for target in re.findall(r"\]\(([^)]+)\)", text))
+    assert named["urls"]["Source"] == place
+
+
+def package_text(hook: dict[str, Any], **config: str) -> dict[str, Any]:
+    """What the hook of the project adds to the metadata of the package."""
+    metadata: dict[str, Any] = {}
+    hook["ReadmeAndAddresses"](str(ROOT), config).update(metadata)
+    return metadata
+
+
+def test_the_setting_of_the_repository_is_left_to_who_publishes() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert settings["tool"]["hatch"]["metadata"]["hooks"]["custom"] == {"repository": ""}
+    assert set(settings["project"]["dynamic"]) == {"readme", "urls", "version"}

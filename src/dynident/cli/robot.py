@@ -41,7 +41,7 @@ _KINDS = {".csv": "Motion", ".json": "Numbers", ".html": "Report"}
 @click.argument("robot", type=DESIGNED)
 @click.option(
     "-o", "--out", type=DIRECTORY, required=True,
-    help="Folder for the motions (CSV, NumPy, ROS 2), identify.yaml, excite.json and report.html.",
+    help="Folder for the motions (CSV, NumPy) and programs that play them, identify.yaml and report.html.",
 )  # fmt: skip
 @click.option(
     "--settings", type=CONFIG, metavar="FILE",
@@ -117,7 +117,8 @@ def excite(
         if label:
             print_path(screen, label, path)
     screen.remark(
-        "Beside each motion (.csv) is the same as .npz, and as .trajectory.yaml, which says how ROS 2 plays it."
+        "Beside each motion (.csv) are the same as .npz and programs that play it (ROS 2, and where the arm is known "
+        "libfranka or URScript); their heads say how."
     )
     if any(path.name == DRAFT for path in written):
         screen.remark(f"Next, when both are recorded: {command('check', out / DRAFT)}", no_wrap=True)

@@ -18,7 +18,7 @@ from dynident.models.lumping import Lump, Monomial, compile_expressions, lump_pa
 from dynident.models.model import Model
 from dynident.models.motor import RotorInertia
 from dynident.models.term import Joint, Parameter, Partials, Term, check_joints
-from dynident.runtime import ModelError, join_names
+from dynident.runtime import ModelError, install_command, join_names
 
 Array = NDArray[np.float64]
 
@@ -276,6 +276,16 @@ def _stack(flat: Sequence[Any], shape: tuple[int, ...]) -> Array:
     return out.reshape(shape)
 
 
+def _import_sympy(model: str) -> Any:
+    """Return SymPy; ModelError where it is not installed."""
+    try:
+        import sympy
+    except ImportError as error:
+        words = f"the model {model!r} is derived by SymPy (the extra `dynident[symbolic]`)"
+        raise ModelError(f"{words}; install it: {install_command('sympy')}") from error
+    return sympy
+
+
 GRAVITY = 9.81  # m/s^2
 
 
@@ -294,8 +304,7 @@ def two_link_arm() -> Model:
     >>> arm.torque(q=[[np.pi / 2, 0.0]], dq=zero, ddq=zero, theta=arm.values).tolist()  # N m, held level
     [[1.4701, 0.1662]]
     """
-    import sympy as sp
-
+    sp = _import_sympy("two_link_arm")
     q1, q2, dq1, dq2 = sp.symbols("q1 q2 dq1 dq2")
     l1, lc1, lc2, m1, m2, I1, I2, g = sp.symbols("l1 lc1 lc2 m1 m2 I1 I2 g")
     dq12 = dq1 + dq2
@@ -352,8 +361,7 @@ def pendulum() -> Model:
     >>> dict(zip(model.names, model.values.tolist()))
     {'J': 0.0825, 'h': 0.25}
     """
-    import sympy as sp
-
+    sp = _import_sympy("pendulum")
     q, dq, m, lc, I, g = sp.symbols("q dq m lc I g")  # noqa: E741
     links = Lagrangian(
         joints=(Joint("pivot"),),

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.runtime import InputError, Noun
+from dynident.runtime import InputError, Noun, install_command
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -116,8 +116,12 @@ class Drawing(Noun):
         return json.dumps(_json_value(content), separators=(",", ":"), allow_nan=False)
 
     def figure(self) -> go.Figure:
-        """Return the figure of plotly for Python, which checks it."""
-        import plotly.graph_objects as go
+        """Return the figure of plotly for Python, which checks it; InputError where that is not installed."""
+        try:
+            import plotly.graph_objects as go
+        except ImportError as error:
+            words = "figures in Python need plotly (the extra `dynident[notebook]`)"
+            raise InputError(f"{words}; install it: {install_command('plotly')}") from error
 
         return go.Figure(self.data, self.layout)
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import quote
 
-from dynident.runtime import shorten_names
+from dynident.runtime import InputError, install_command, shorten_names
 
 if TYPE_CHECKING:
     import jinja2
@@ -312,15 +312,13 @@ def _plotly_markup() -> Markup:
 
 
 def _plotly_source() -> str:
-    """Return plotly's JavaScript from its file: importing plotly takes time that the figures do not need."""
-    spec = find_spec("plotly")
-    if spec and spec.origin and isinstance(spec.loader, ResourceLoader):
-        with suppress(OSError):
-            return spec.loader.get_data(str(Path(spec.origin).parent / "package_data" / "plotly.min.js")).decode()
-    from plotly.offline import get_plotlyjs
-
-    text: str = get_plotlyjs()
-    return text
+    """Return plotly's JavaScript: that of the wheel, else that of an installed plotly, which is not imported."""
+    for name, folder in (("dynident.report", "templates"), ("plotly", "package_data")):
+        spec = find_spec(name)
+        if spec and spec.origin and isinstance(spec.loader, ResourceLoader):
+            with suppress(OSError):
+                return spec.loader.get_data(str(Path(spec.origin).parent / folder / "plotly.min.js")).decode()
+    raise InputError(f"the script that draws the figures of reports is missing: {install_command('plotly')}")
 
 
 def _block_kind(block: PageBlock) -> str:

@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynident.apps.excitation.files import PLAYER, player, trajectory_files
+from dynident.apps.excitation.files import trajectory_files
+from dynident.apps.excitation.players import ROS as PLAYER
+from dynident.apps.excitation.players import players
 from tests.apps.excitation.test_files import WIDE, motion
 
 # each message keeps what it is made of; the controller writes the goal that it gets, and answers as the test says
@@ -68,7 +70,8 @@ def folder(tmp_path: Path) -> Path:
     for name, text in ROS.items():
         (tmp_path / "ros" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "ros" / name).write_text(text)
-    for name, content in (trajectory_files(motion(NAMES, 6.0), "motion", 250.0, WIDE) | {PLAYER: player()}).items():
+    program, _ = players(NAMES)[PLAYER]
+    for name, content in (trajectory_files(motion(NAMES, 6.0), "motion", 250.0, WIDE) | {PLAYER: program}).items():
         (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
     return tmp_path
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 
 from dynident.apps.excitation import (
     Interrupted,
@@ -17,7 +18,7 @@ from dynident.apps.excitation import (
     distance_figure,
     expected_figure,
 )
-from dynident.apps.excitation.config import NoiseOrigin
+from dynident.apps.excitation.config import JointLimitSettings, NoiseOrigin
 from dynident.apps.excitation.expected_report import (
     expected_findings,
     expected_section,
@@ -27,6 +28,7 @@ from dynident.apps.excitation.expected_report import (
     noise_words,
     shape_words,
 )
+from dynident.apps.excitation.limits import usual_arm
 from dynident.apps.excitation.report import (
     excitation_findings,
     excitation_page,
@@ -34,7 +36,9 @@ from dynident.apps.excitation.report import (
     obstacle_mesh,
     scene_section,
 )
+from dynident.apps.excitation.run import _limits_text
 from dynident.models import Box, Cylinder, EmptySpace, Floor, ShapeSource
+from dynident.project.arms import KnownArm
 from dynident.regression import UnexcitedParameters
 from dynident.report.page import Figure, PageTable
 from tests.apps.excitation.arms import TWO
@@ -82,6 +86,25 @@ def test_limits_by_rule_and_beyond_the_file_are_named() -> None:
     assert said[1] == "The torque of lift has no limit: it was not looked at."
     assert said[2] == "Limits of position of bend are by rule: give your robot's own, if they are known."
     assert said[3] == "The limits that are given for bend exceed those of the robot file: velocity."
+
+
+def test_usual_limits_of_a_known_arm_are_offered_where_a_rule_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    project, found = designed()
+    limits = {"lift": {"acceleration": 7.0}, "bend": {"acceleration": 7.0}}
+    monkeypatch.setattr("dynident.apps.excitation.limits.find_arm", lambda _: KnownArm("Two", "a/b, c.yaml", limits))
+    ruled = replace(found, limits=replace(found.limits, by_rule={"lift": ("acceleration",)}))
+    said = list(limit_words(ruled))
+    assert said[1].startswith(
+        "The joints are those of a Two, whose usual limits of acceleration are public (a/b, c.yaml)"
+    )
+    assert "--settings limits.yaml" in said[1]
+    arm = usual_arm(ruled.model, ruled.limits)
+    assert arm is not None
+    given = {"lift": JointLimitSettings(acceleration=1.0, upper=0.5)}
+    changed = replace(project, settings=project.settings.model_copy(update={"limits": given}))
+    text = yaml.safe_load(_limits_text(changed, arm))
+    assert text["limits"] == {"lift": {"acceleration": 1.0, "upper": 0.5}, "bend": {"acceleration": 7.0}}
+    assert usual_arm(found.model, replace(found.limits, by_rule={"lift": ("jerk",)})) is None
 
 
 def test_where_the_noise_is_from_and_what_was_lost() -> None:

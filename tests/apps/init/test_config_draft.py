@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from dynident.apps.init.config_draft import LogSource, draft_config, read_source
 from dynident.apps.init.match import MovableJoint, read_joints
 from dynident.files.tables import DataTable
 from dynident.models.robot_files import RobotJointLimits
+from dynident.project.arms import KnownArm
 from dynident.project.config import parse_config
 from dynident.project.shortcuts import read_robot
 from tests.cli.commands import run
@@ -82,6 +84,18 @@ def test_what_is_certain_runs_without_an_edit(arm, tmp_path):
     assert "about 200 Hz" in text
     assert "# not used: 'shoulder.command'" in text
     assert parse_config(text, tmp_path).model.lock == {"finger": 0.02}
+
+
+def test_usual_limits_of_a_known_arm_are_offered_as_comments(arm, tmp_path, monkeypatch):
+    limits = {name: {"acceleration": 8.0, "jerk": 100.0} for name in ("shoulder", "elbow")}
+    monkeypatch.setattr("dynident.apps.init.config_draft.find_arm", lambda _: KnownArm("Two", "a/b, c.yaml", limits))
+    write(tmp_path / "a.csv")
+    assert run("init", "arm.urdf", "a.csv").exit_code == 0
+    text = (tmp_path / "identify.yaml").read_text()
+    assert "usual limits of a Two, from a/b, c.yaml" in text
+    assert parse_config(text, tmp_path).excitation is None
+    wanted = re.sub("^# (?=excitation:| )", "", text, flags=re.MULTILINE)
+    assert yaml.safe_load(wanted)["excitation"]["limits"] == limits
 
 
 def test_a_single_log_is_cut_in_two(arm, tmp_path):

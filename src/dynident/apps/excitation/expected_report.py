@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dynident.apps.excitation.clearance import CapsuleSpace, obstacle_name
 from dynident.apps.excitation.config import NoiseOrigin
 from dynident.apps.excitation.design import ExpectedAccuracy, expected_accuracy
+from dynident.apps.excitation.limits import LIMITS_FILE, usual_arm
 from dynident.apps.excitation.motion import Program
 from dynident.checks import check_robot
 from dynident.checks.file_notes import FarCentre, ImpossibleInertia, NoMass
@@ -143,6 +144,12 @@ def limit_words(design: Design) -> Iterator[str]:
         k = design.limits.joints.index(joints[0])
         size = "" if name == "position" else f" (at {joints[0]} {number(float(getattr(design.limits, name)[k]), 3)})"
         yield f"Limits of {name} of {whose} are by rule{size}: give your robot's own, if they are known."
+    if arm := usual_arm(design.model, design.limits):
+        kinds = " and ".join(next(iter(arm.limits.values())))
+        yield (
+            f"The joints are those of a {arm.name}, whose usual limits of {kinds} are public ({arm.source}). They are "
+            f"used where you say so: --settings {LIMITS_FILE}, which is written beside the motion."
+        )
     for joint, names in design.limits.beyond.items():
         yield f"The limits that are given for {joint} exceed those of the robot file: {', '.join(names)}."
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from dynident.apps.excitation.limits import MotionLimits, min_fit_speeds
 from dynident.apps.excitation.motion import point_spacing
+from dynident.apps.excitation.players import ROS, ur_script
 from dynident.apps.excitation.robot import ExcitationProject
 from dynident.apps.excitation.trajectory import Trajectory
 from dynident.apps.excitation.verify import QUANTITIES, LimitError
@@ -30,7 +31,6 @@ from dynident.runtime import InputError, Noun
 
 Array = NDArray[np.float64]
 STATE_NAMES = ("q", "dq", "ddq")
-PLAYER = "play_trajectory.py"
 INTERPOLATION_TOLERANCE = 1e-3  # of a limit, for smooth motion between samples; jumps of the jerk take 1e-1 and more
 BLOCK_SAMPLES = 500
 NANO = 1_000_000_000
@@ -78,12 +78,13 @@ def sample_trajectory(trajectory: Trajectory, rate: float) -> SampledTrajectory:
 def trajectory_files(
     trajectory: Trajectory, stem: str, rate: float, limits: MotionLimits, thinning: int = 1
 ) -> dict[str, str | bytes]:
-    """Return the files of a trajectory by name, all at ``rate`` (Hz) except that for ROS 2.
+    """Return the files of a trajectory by name, tables at ``rate`` (Hz).
 
     ``STEM.csv`` has columns t (s) and by joint q, dq, ddq; ``STEM.npz`` these arrays and the names of the joints;
-    ``STEM.trajectory.yaml`` is a ``trajectory_msgs/JointTrajectory``. As its controllers interpolate between the
-    points, it has every sample of ``thinning`` times as many as make at most 100 per s, or all samples where that is
-    too coarse. Raises LimitError where what is played between the samples leaves the ``limits``.
+    ``STEM.trajectory.yaml`` is a ``trajectory_msgs/JointTrajectory``, ``STEM.script`` a URScript, for arms of Universal
+    Robots alone. As these interpolate between the points, they have every sample of ``thinning`` times as many as make
+    at most 100 per s, or all samples where that is too coarse. Raises LimitError where what is played between the
+    samples leaves the ``limits``.
     """
     samples = sample_trajectory(trajectory, rate)
     points = sample_trajectory(trajectory, rate / (thinning * point_spacing(rate)))
@@ -92,10 +93,13 @@ def trajectory_files(
     except LimitError:
         points = samples
         check_interpolant(points, limits)
+    states = np.stack([points.q, points.dq, points.ddq], axis=1)
+    script = ur_script(points.joints, points.t, states, stem)
     return {
         f"{stem}.csv": _to_csv(samples),
         f"{stem}.npz": _to_npz(samples),
         f"{stem}.trajectory.yaml": _to_ros(points, stem),
+        **({} if script is None else {f"{stem}.script": script}),
     }
 
 
@@ -138,11 +142,6 @@ def _to_npz(samples: SampledTrajectory) -> bytes:
     return file.getvalue()
 
 
-def player() -> str:
-    """Return the program that sends such a file to a controller: ``player.py`` beside this file."""
-    return Path(__file__).with_name("player.py").read_text(encoding="utf-8")
-
-
 def _to_ros(samples: SampledTrajectory, stem: str) -> str:
     """Return the message with one point per line."""
     # in quotes and escaped, as any name may stand in a robot file
@@ -151,7 +150,7 @@ def _to_ros(samples: SampledTrajectory, stem: str) -> str:
         "# A trajectory_msgs/msg/JointTrajectory, in rad or m and s. The controller interpolates between the points,",
         "# at best by quintic splines. To send it as one goal, from the place where the motion starts (the name of the",
         "# controller is yours):",
-        f"#   python3 {PLAYER} {stem}.trajectory.yaml --controller joint_trajectory_controller",
+        f"#   python3 {ROS} {stem}.trajectory.yaml --controller joint_trajectory_controller",
         'header: { stamp: { sec: 0, nanosec: 0 }, frame_id: "" }',
         f"joint_names: {names}",
         "points:",

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dynident.apps.excitation.trajectory import Course
 from dynident.models import Distances, Joint, RigidBodies
 from dynident.models.robot_files import RobotJointLimits
+from dynident.project.arms import KnownArm, find_arm
 from dynident.runtime import ConfigError, ModelError, Noun, choices, join_names
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ ACCELERATION_TIME = 0.25  # s from rest to the velocity limit
 JERK_TIME = 0.05  # s from no acceleration to its limit
 MAX_FILE_RANGE = 4.001 * np.pi  # rad: a file with a wider range has none
 FILE_FIELDS = {"lower": "lower", "upper": "upper", "velocity": "velocity", "torque": "effort"}
+LIMITS_FILE = "limits.yaml"  # of a motion, with usual limits in place of rules
 MIN_SPEED_SHARE = 0.03  # of the velocity limit
 
 SAMPLE_RATE, MIN_SAMPLES = 100.0, 25  # Hz, samples of a course
@@ -120,6 +122,14 @@ def motion_limits(
         if (names_beyond := _exceeded_limits(limits, file_limits[name]))
     }
     return MotionLimits(tuple(names), **values, by_rule=by_rule, beyond=beyond)
+
+
+def usual_arm(model: Model, limits: MotionLimits) -> KnownArm | None:
+    """Return the well-known arm of a model; None where it is none, or no rule stands for one of its limits."""
+    arm = find_arm({joint.name: model.limits.get(joint.name, RobotJointLimits()) for joint in model.joints})
+    ruled = {(joint, kind) for joint, kinds in limits.by_rule.items() for kind in kinds}
+    known = {(joint, kind) for joint, kinds in arm.limits.items() for kind in kinds} if arm else set()
+    return arm if ruled & known else None
 
 
 def _file_limits(model: Model) -> dict[str, RobotJointLimits]:

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynident.apps.excitation.files import PLAYER, player, recording_config, trajectory_files
-from dynident.apps.excitation.limits import Feasibility
+from dynident.apps.excitation.files import recording_config, trajectory_files
+from dynident.apps.excitation.limits import LIMITS_FILE, Feasibility, usual_arm
+from dynident.apps.excitation.players import FRANKA, ROS, players
 from dynident.apps.excitation.report import MOTIONS, SLOWER, TRIAL, excitation_findings, excitation_page, motions_of
 from dynident.apps.excitation.robot import ExcitationProject, read_excitation
 from dynident.apps.excitation.trajectory import Trajectory, slow_down
@@ -23,6 +24,8 @@ from dynident.files.folder import REPORT, ResultFolder, refuse_other_report, res
 from dynident.files.opener import content, refuse_inputs, watch_inputs
 from dynident.files.results import json_text
 from dynident.identification import versions
+from dynident.project.arms import KnownArm
+from dynident.project.explicit_config import settings_text
 from dynident.project.project import parse_project
 from dynident.runtime import ConfigError, InputError
 
@@ -40,8 +43,10 @@ _USES = {
     "csv": "t, and of each joint q, dq, ddq, in s, rad or m",
     "npz": "the same as NumPy arrays",
     "trajectory.yaml": "trajectory_msgs/JointTrajectory of ROS 2",
+    "script": "a URScript that plays it on an arm of Universal Robots; its head says how",
 }
 _MOTIONS = tuple(f"{stem}.{ending}" for stem in _STEMS for ending in _USES)
+_EDITABLE = (CONFIG, LIMITS_FILE, ROS, FRANKA)  # which somebody may have changed by hand
 
 
 def excite(
@@ -59,8 +64,8 @@ def excite(
     ``robot`` is a robot file, a configuration, or a result, to whose information the motion then adds. What motion, in
     which surroundings, say the keys of the configuration's section ``excitation``, a file of such ``settings``, or
     keywords, such as ``duration=20``. In the folder ``out`` are written ``motion``, ``validation`` and a slow ``trial``
-    as .csv, .npz and .trajectory.yaml (ROS 2), ``identify.yaml``, which will read the recordings, ``excite.json`` and
-    ``report.html``.
+    as .csv, .npz and .trajectory.yaml (ROS 2), programs that play them, ``identify.yaml``, which will read the
+    recordings, ``excite.json`` and ``report.html``.
     The search is spread over ``executor``.
 
     Raises ConfigError for wrong settings and limits, ModelError for the model, InputError where nothing can be read or
@@ -99,11 +104,11 @@ def excite(
 
 def refuse_targets(folder: Path) -> None:
     """Raise ConfigError, before long work, where a file that a design writes is one that was read, the report
-    there is that of another command, or configuration or player were written or changed by hand."""
-    refuse_inputs(*(folder / name for name in (*_MOTIONS, PLAYER, CONFIG, NUMBERS, REPORT)))
+    there is that of another command, or configuration, limits or players were written or changed by hand."""
+    refuse_inputs(*(folder / name for name in (*_MOTIONS, *_EDITABLE, NUMBERS, REPORT)))
     refuse_other_report(folder, NUMBERS)
     digests = _earlier_digests(folder)
-    for path in (folder / CONFIG, folder / PLAYER):
+    for path in (folder / name for name in _EDITABLE):
         # what has the digest of an earlier run is unchanged and may be replaced
         if path.exists() and sha256(content(path, remember=False)).hexdigest() != digests.get(path.name):
             raise ConfigError(
@@ -132,8 +137,12 @@ def write_design(folder: ResultFolder, project: ExcitationProject, design: Desig
     if trial := _trial_motion(design):
         files |= trajectory_files(trial, TRIAL, rate, design.limits, round(SLOWER))
     uses = [(name, f"{_STEMS[stem]}: {_USES[ending]}") for name in files for stem, _, ending in [name.partition(".")]]
-    files[PLAYER] = player()
-    uses.append((PLAYER, "the program that sends a trajectory.yaml to a controller of ROS 2"))
+    for name, (program, use) in players(design.limits.joints).items():
+        files[name] = program
+        uses.append((name, use))
+    if arm := usual_arm(design.model, design.limits):
+        files[LIMITS_FILE] = _limits_text(project, arm)
+        uses.append((LIMITS_FILE, f"the settings, with usual limits of a {arm.name}"))
     if text := recording_config(project, folder.path):
         parse_project(text, folder.path / CONFIG)  # what is written can be read
         files[CONFIG] = text
@@ -145,7 +154,16 @@ def write_design(folder: ResultFolder, project: ExcitationProject, design: Desig
     uses.append((NUMBERS, "all numbers of this page"))
     files[NUMBERS] = json_text(_design_dict(project, design, digests))
     files[REPORT] = excitation_page(project, design, uses)
-    return folder.replace(files, removed={CONFIG, *_MOTIONS})
+    return folder.replace(files, removed={*_EDITABLE, *_MOTIONS})
+
+
+def _limits_text(project: ExcitationProject, arm: KnownArm) -> str:
+    """Return the settings of a motion with the limits of an arm, for ``--settings``; what the user gives stays."""
+    settings = project.settings.model_dump(mode="json", exclude_unset=True)
+    given = {name: limits.model_dump(exclude_none=True) for name, limits in project.settings.limits.items()}
+    limits = {name: {**usual, **given.get(name, {})} for name, usual in arm.limits.items()}
+    head = (f"Settings of a motion, for --settings, with limits of acceleration and jerk of a {arm.name}:", arm.source)
+    return settings_text({**settings, "limits": limits}, {"": head})
 
 
 def _trial_motion(design: Design) -> Trajectory | None:

@@ -23,6 +23,7 @@ from dynident.files.xml_text import SUFFIXES
 from dynident.files.yaml_text import UNPRINTABLE
 from dynident.identification import moving_span
 from dynident.motion.log import Log
+from dynident.project.arms import find_arm
 from dynident.project.columns import is_commanded
 from dynident.project.fields import UNITS
 from dynident.project.logs import read_recording
@@ -158,6 +159,7 @@ def draft_config(
         page.line(
             "estimator: { kind: consistent }  # physically consistent bodies, no negative friction; or least_squares"
         )
+    _write_usual_limits(page, joints, mapping)
     notes = []
     if mapping.still_joints:
         notes.append(
@@ -227,6 +229,19 @@ def _write_model(page: _Page, robot: str, joints: Sequence[MovableJoint], mappin
         "  # to fix them: a list such as [rotor, viscous, coulomb, offset], or what `dynident identify CONFIG "
         "--write-config FILE` writes"
     )
+
+
+def _write_usual_limits(page: _Page, joints: Sequence[MovableJoint], mapping: ColumnMapping) -> None:
+    """Offer the usual limits of a well-known arm, as comments, for the motions that `excite` designs."""
+    limits = {joint.name: joint.limits for joint in joints}
+    if arm := find_arm({name: limits[name] for name in mapping.position if name in limits}):
+        page.line("")
+        page.line(f"# for `dynident excite`, usual limits of a {arm.name}, from {arm.source};")
+        page.line("# delete the # before the lines to use them")
+        page.line("# excitation:")
+        page.line("#   limits:")
+        for name, values in arm.limits.items():
+            page.line(f"#     {_yaml_name(name)}: {{ {', '.join(f'{kind}: {x:g}' for kind, x in values.items())} }}")
 
 
 def _write_time(page: _Page, mapping: ColumnMapping) -> None:

@@ -1,15 +1,13 @@
-"""Write docs/cli.md, the reference of the command, from its own help: .venv/bin/python docs/generate_cli.py."""
+"""The page of the commands, from their own help: docs/pages.py puts it into the site."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Collection, Iterator
-from pathlib import Path
 
 import click
 
 from dynident.cli import main
-from dynident.files.results import write_text
 
 COMMON = """
 ## Output and common options
@@ -36,15 +34,12 @@ these lines is in its start-up file. They work for an installed `dynident`.
 """
 SHARED = {"workers", "cluster", "time_limit", "worker_memory", "memory"}
 SHARED_LEAD = "Long work and large files; the section of a command names those that it has:"
-TARGET = Path(__file__).with_name("cli.md")
 
 
 def reference() -> str:
     """Return the reference as Markdown."""
     lines = [
         "# Commands",
-        "",
-        "Generated from the command's help by `docs/generate_cli.py`; a test fails where it is stale.",
         "",
         "A wrong setting or recording ends with one message and exit code 1, a wrong option with exit code 2. An",
         "unexpected error is a fault of dynident: it ends with exit code 70. `--debug` before the command, or",
@@ -81,7 +76,3 @@ def _options(command: click.Command, context: click.Context, said: Collection[st
         if record is not None and record[1]:  # arguments have no help of their own
             option, meaning = (" ".join(text.split()).replace("|", "\\|") for text in record)
             yield f"| `{option}` | {meaning} |"
-
-
-if __name__ == "__main__":
-    write_text(TARGET, reference())

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from defaults_robots import ROBOTS, Robot
-from page_tables import DOCS, OUT, filled, read_figures
+from page_tables import DOCS, OUT, filled, markdown, read_figures
 
 __all__ = ["FIGURES", "PAGE", "draw", "laws", "page", "worded"]
 
@@ -20,9 +20,8 @@ def draw() -> None:
 
 def page(text: str, kept: Row) -> str:
     """Return the page with its tables anew."""
-    return filled(
-        text, {name: table(kept[name]) for name, table in (("robots", robots), ("laws", laws)) if name in kept}
-    )
+    tables = ("robots", robots), ("laws", laws), ("peers", peers)
+    return filled(text, {name: table(kept[name]) for name, table in tables if name in kept})
 
 
 def robots(rows: Mapping[str, Mapping[str, Row]]) -> str:
@@ -37,6 +36,19 @@ def robots(rows: Mapping[str, Mapping[str, Row]]) -> str:
                 if others:
                     lines.append(f"| the same on {len(others)} other recordings | {', '.join(others)} |" + " |" * 8)
     return "\n".join(lines)
+
+
+def peers(rows: Mapping[str, list[Row]]) -> str:
+    """Return the errors of others on the same samples as Markdown."""
+    lines = []
+    for name, fits in rows.items():
+        for fit in fits:
+            figures = [
+                f"{fit[key]:.3g}" if fit.get(key) is not None else "" for key in ("error", "low_passed", "seconds")
+            ]
+            title = ROBOTS[name].title if fit is fits[0] else ""
+            lines.append([title, fit["who"], *(figures if "error" in fit else [f"cannot: {fit['reason']}", "", ""])])
+    return markdown(["", "", "held out, %", "after 10 Hz, %", "s of CPU"], lines)
 
 
 def laws(rows: Mapping[str, Row]) -> str:

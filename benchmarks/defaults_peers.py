@@ -5,8 +5,8 @@ held-out log, on the same samples: all but those within 0.1 s of its ends, as me
 10 Hz. "Least squares" is how most papers do it: positions and torque after a zero-phase low-pass of 10 Hz, differences,
 viscous and Coulomb friction, offset and rotor inertia. FIGAROH 1.0.2 has its own pipeline, at the same cut-off, with 40
 samples a second; ``mujoco.sysid`` fits the inertia of each link, armature, damping, friction loss and a constant to the
-torque of ``mj_inverse``. Both run in a Python of their own, --peers; each predicts on its own low-passed motion. Of
-dynident the figures are those of defaults.py. Published parameters: of the EMPS (Janot, 2019).
+torque of ``mj_inverse``; neither knows coupled motors. Both run in a Python of their own, --peers. All predict on the
+motion that dynident has chosen, so that only parameters differ. Published parameters: of the EMPS (Janot, 2019).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from typing import Any
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import numpy as np
-from defaults import MARGIN, configured, digits, errors, found_at
+from defaults import MARGIN, configured, digits, found_at
 from defaults_page import FIGURES, draw
 from defaults_robots import ROBOTS
 from page_tables import read_figures, write_figures
@@ -55,51 +55,62 @@ class Motion:
     def __init__(self, log: Log) -> None:
         self.rate = (len(log.t) - 1) / float(log.t[-1] - log.t[0])
         self.t = np.linspace(log.t[0], log.t[-1], len(log.t))
-        even = [np.stack([np.interp(self.t, log.t, x) for x in y.T], axis=1) for y in (log.q, log.tau)]
-        self.raw = even
-        self.q, self.tau = (low_pass(y, self.rate) for y in even)
-        self.measured = even[1]
+        self.raw = [np.stack([np.interp(self.t, log.t, x) for x in y.T], axis=1) for y in (log.q, log.tau)]
+        self.q, self.tau = (low_pass(y, self.rate) for y in self.raw)
         self.dq = np.gradient(self.q, self.t, axis=0)
         self.ddq = np.gradient(self.dq, self.t, axis=0)
-        self.judged = (self.t >= self.t[0] + MARGIN) & (self.t <= self.t[-1] - MARGIN)
+        self.inside = (self.t >= self.t[0] + MARGIN) & (self.t <= self.t[-1] - MARGIN)
 
 
 def plain_model(model: Model) -> Model:
-    """The bodies (and coupled motors) of a model with what papers add to them."""
+    """The terms of a model, as bodies and coupled motors, with what papers add to them."""
     joints = model.joints
-    terms = (RotorInertia(joints), Viscous(joints), Coulomb(joints), Offset(joints))
-    return Model((model.terms[0], *terms))
+    return Model((*model.terms, RotorInertia(joints), Viscous(joints), Coulomb(joints), Offset(joints)))
 
 
 def error(tau: Array, predicted: Array) -> float:
     return digits(100 * np.linalg.norm(tau - predicted) / np.linalg.norm(tau))
 
 
-def row(who: str, motion: Motion, predicted: Array, seconds: float | None) -> Row:
-    """Errors of a prediction, of the torque as measured and of both after the low-pass."""
-    use = motion.judged
-    smooth = low_pass(predicted, motion.rate)
-    return {
-        "who": who, "error": error(motion.measured[use], predicted[use]), "seconds": seconds,
-        "low_passed": error(motion.tau[use], smooth[use]),
-    }  # fmt: skip
+class HeldOut:
+    """The held-out recording, with its motion as the default of dynident has it."""
+
+    def __init__(self, project: Project) -> None:
+        began = time.process_time()
+        logs, _ = project.logs()
+        result = identify(project.model, logs["train"], logs["validation"], project.recipe)
+        self.seconds = round(time.process_time() - began, 1)
+        self.validation = next(log for log in result.validations if log.role == "validation")
+        self.motion = self.validation.motion
+        t = self.motion.t
+        self.rate, self.use = (len(t) - 1) / float(t[-1] - t[0]), (t >= t[0] + MARGIN) & (t <= t[-1] - MARGIN)
+
+    def row(self, who: str, predicted: Array, seconds: float | None) -> Row:
+        """Errors of a prediction, of the torque as measured and of both after the low-pass."""
+        pairs = [(self.motion.tau, predicted), tuple(low_pass(x, self.rate) for x in (self.motion.tau, predicted))]
+        errors = [error(x[self.use], y[self.use]) for x, y in pairs]
+        return {"who": who, "error": errors[0], "low_passed": errors[1], "seconds": seconds}
+
+    def predict(self, who: str, model: Model, theta: Array, seconds: float | None) -> Row:
+        return self.row(who, model.torque(self.motion.q, self.motion.dq, self.motion.ddq, theta), seconds)
 
 
-def least_squares(model: Model, train: Motion, held_out: Motion) -> Row:
+def least_squares(model: Model, train: Motion, held_out: HeldOut) -> Row:
     began = time.process_time()
-    step = max(1, round(train.rate / 200.0))
-    Y = model.regressor(*(x[::step] for x in (train.q, train.dq, train.ddq)))
-    theta = np.linalg.lstsq(Y.reshape(-1, Y.shape[2]), train.tau[::step].ravel(), rcond=1e-8)[0]
+    rows = np.flatnonzero(train.inside)[:: max(1, round(train.rate / 200.0))]
+    Y = model.regressor(train.q[rows], train.dq[rows], train.ddq[rows])
+    theta = np.linalg.lstsq(Y.reshape(-1, Y.shape[2]), train.tau[rows].ravel(), rcond=1e-8)[0]
     seconds = time.process_time() - began
-    return row("least squares, 10 Hz", held_out, model.torque(held_out.q, held_out.dq, held_out.ddq, theta), seconds)
+    return held_out.predict("least squares, 10 Hz", model, theta, round(seconds, 2))
 
 
-def peer(who: str, python: str, urdf: str, gravity: Any, model: Model, train: Motion, held_out: Motion) -> list[Row]:
+def peer(who: str, python: str, urdf: str, gravity: Any, model: Model, train: Motion, held_out: HeldOut) -> list[Row]:
     """What another finds, in its own process; why, where it finds nothing."""
     with TemporaryDirectory() as folder:
         given, answer = Path(folder) / "in.npz", Path(folder) / "out.json"
         q, tau = train.raw if who == "FIGAROH" else (train.q, train.tau)
-        rows = {"dq": train.dq, "ddq": train.ddq, "decimate": round(train.rate / SAMPLES_A_SECOND)}
+        rows = {"joints": [joint.name for joint in model.joints], "dq": train.dq, "ddq": train.ddq}
+        rows |= {"decimate": round(train.rate / SAMPLES_A_SECOND)}
         np.savez(given, urdf=urdf, gravity=np.array(gravity), t=train.t - train.t[0], q=q, tau=tau, **rows)
         command = [python, "-W", "ignore", HERE / PEERS[who], given, answer]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -107,22 +118,8 @@ def peer(who: str, python: str, urdf: str, gravity: Any, model: Model, train: Mo
             lines = done.stderr.strip().splitlines()
             return [{"who": who, "reason": lines[-1] if lines else f"exit code {done.returncode}"}]
         fits = json.loads(answer.read_text(encoding="utf-8"))
-    rows = []
-    for fit in fits:
-        predicted = model.torque(held_out.q, held_out.dq, held_out.ddq, np.array(fit["value"]))
-        rows.append(row(f"{who}, {fit['name']}", held_out, predicted, round(fit["seconds"], 2)))
-    return rows
-
-
-def dynident_row(project: Project, logs: Any, held_out: Motion) -> Row:
-    """The default of dynident, on all samples of its own motion, which is none but the measured one smoothed."""
-    began = time.process_time()
-    result = identify(project.model, logs["train"], logs["validation"], project.recipe)
-    seconds = time.process_time() - began
-    log = next(one for one in result.validations if one.role == "validation")
-    motion = log.motion
-    predicted = np.stack([np.interp(held_out.t, motion.t, x) for x in log.predicted_torque.T], axis=1)
-    return row("dynident", held_out, predicted, round(seconds, 1)) | {"error": errors(log)["error"]}
+    named = [(f"{who}, {fit['name']}", np.array(fit["value"]), round(fit["seconds"], 2)) for fit in fits]
+    return [held_out.predict(name, model, value, seconds) for name, value, seconds in named]
 
 
 def measure(name: str, python: str | None) -> list[Row]:
@@ -133,19 +130,19 @@ def measure(name: str, python: str | None) -> list[Row]:
         return []
     with TemporaryDirectory() as folder:
         project = read_project(configured(robot, data, Path(folder) / f"{name}.yaml"))
-        logs, _ = project.logs()
-        train, held_out = (Motion(next(iter(logs[role].values()))) for role in ("train", "validation"))
-        model = plain_model(project.model)
-        rows = [dynident_row(project, logs, held_out), least_squares(model, train, held_out)]
-        print(*rows, sep="\n", flush=True)
+        train = Motion(next(iter(project.logs()[0]["train"].values())))
+        held_out, model = HeldOut(project), plain_model(Model(project.model.terms[:1]))
+        rows = [
+            held_out.row("dynident", held_out.validation.predicted_torque, held_out.seconds),
+            least_squares(plain_model(project.model), train, held_out),
+        ]
         if name in PUBLISHED:
             who, (mass, viscous, coulomb, offset) = PUBLISHED[name]
-            predicted = mass * held_out.ddq + viscous * held_out.dq + coulomb * np.sign(held_out.dq) + offset
-            rows.append(row(f"published ({who})", held_out, predicted, None))
+            theta = np.array([mass, *np.zeros(9), 0.0, viscous, coulomb, offset])
+            rows.append(held_out.predict(f"published ({who})", model, theta, None))
         bodies = project.model.terms[0]
         for who, write in {"FIGAROH": urdf_of, "mujoco.sysid": mjcf_of}.items() if python else ():
             rows += peer(who, str(python), write(bodies), bodies.gravity, model, train, held_out)
-            print(rows[-1], flush=True)
     return rows
 
 

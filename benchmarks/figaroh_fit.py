@@ -1,9 +1,9 @@
 """What FIGAROH's own functions find for an arm: PYTHON figaroh_fit.py IN.npz OUT.json.
 
 Run by a Python that has figaroh 1.0.2, not by that of dynident. IN holds the robot file (``urdf``), ``gravity`` (3),
-``t`` (N) s, ``q`` and ``tau`` (N, n), and, if another, ``decimate``; OUT the fits: their names, the parameters (10 a
-link, then rotor inertia, viscous and Coulomb friction and offset by joint; zero where a base parameter stands for them)
-and the seconds of CPU.
+``t`` (N) s, ``q`` and ``tau`` (N, n), and, if others, ``decimate`` and ``joints``; OUT the fits: their names, the
+parameters (10 a link, then rotor inertia, viscous and Coulomb friction and offset by joint; zero where a base parameter
+stands for them) and the seconds of CPU.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from figaroh.identification.base_identification import BaseIdentification
-from pinocchio import RobotWrapper, buildModelFromUrdf
+from pinocchio import RobotWrapper, buildModelFromUrdf, buildReducedModel, neutral
 
 CUTOFF, DECIMATE = 10.0, 30  # Hz; those with the least error held out, of 2 to 80 Hz and of 2 to 40
 BLOCKS = ("fv", "fs", "ia", "off")  # as its columns are; the order of the answer is ia, fv, fs, off
@@ -84,6 +84,10 @@ def main() -> None:
         file = Path(folder) / "arm.urdf"
         file.write_text(str(recording["urdf"]))
         robot = RobotWrapper(buildModelFromUrdf(str(file)))
+    if "joints" in recording:  # others, as of a gripper, are held
+        names, model = set(recording["joints"].tolist()), robot.model
+        others = [model.getJointId(name) for name in model.names[1:] if name not in names]
+        robot = RobotWrapper(buildReducedModel(model, others, neutral(model)))
     robot.model.gravity.linear = recording["gravity"]
     Path(sys.argv[2]).write_text(json.dumps(fits(robot, recording)))
 

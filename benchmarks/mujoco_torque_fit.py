@@ -12,6 +12,7 @@ import sys
 import time
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import mujoco
 import mujoco_fit
@@ -29,6 +30,8 @@ def residual_of(spec: mujoco.MjSpec, recording: dict[str, Any]) -> Any:
     size = np.sqrt(np.mean(tau**2, axis=0)) + 1e-9
 
     def residual(x: np.ndarray, found: Any, **_: Any) -> Any:
+        if x.ndim == 2:  # its derivatives are asked for together
+            return [np.stack([residual(column, found)[0][0] for column in x.T], axis=1)], None, None
         found.update_from_vector(x)
         trial = spec.copy()
         sysid.apply_param_modifiers_spec(found, trial)
@@ -50,7 +53,14 @@ def main() -> None:
     recording |= {"reference_t": recording["t"], "kp": np.ones(n), "kv": np.ones(n), "limit": np.full(n, 1e6)}
     mujoco_fit.START.update(WIDER)
     mujoco_fit.OFFSET = (0.0, -50.0, 50.0)
-    spec = mujoco_fit.built(recording)
+    names = set(recording["joints"].tolist())
+    tree = ElementTree.fromstring(str(recording["urdf"]))
+    for body in tree.iter("body"):
+        for joint in [one for one in body.findall("joint") if one.get("name") not in names]:  # as of a gripper
+            body.remove(joint)
+    for equality in tree.findall("equality"):
+        tree.remove(equality)
+    spec = mujoco_fit.built(recording | {"urdf": ElementTree.tostring(tree, encoding="unicode")})
     for joint in spec.joints:  # some files have no masses
         if not joint.parent.mass > 0:
             joint.parent.mass, joint.parent.inertia = 1.0, [0.01, 0.01, 0.01]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from dynident.checks import with_findings
-from dynident.estimators import PhysicallyConsistent
+from dynident.estimators import LeastSquares, PhysicallyConsistent
 from dynident.identification import Recipe, identify
 from dynident.identification.calibration import with_plain_terms
 from dynident.identification.terms import NotChosen
@@ -47,6 +49,18 @@ def test_identification_holds_the_choice_and_its_model_the_terms() -> None:
     before = identify(Model((bodies(),)).with_terms(Viscous(bodies().joints)), [log(1, "train")], [log(5, "other")])
     error = [one.validations[1].errors.relative_error for one in (found, before)]
     assert error[0] < 0.5 * error[1]
+
+
+def test_a_second_round_finds_the_offset_that_the_plain_set_hides() -> None:
+    """With the plain set alone it is found to be 0."""
+    motion, (t, late) = recorded(simulated.wide, 1), (simulated.states(1)[0], 0.003)
+    q = CubicSpline(t, motion.q)(t[10:] - late) + 1e-5 * np.random.default_rng(5).standard_normal((len(t) - 10, 3))
+    recipe = Recipe(estimator=LeastSquares(), terms="auto", time_offset="estimate")
+    found = identify(Model((bodies(),)), [Log(t[10:], q, motion.tau[10:], motion.joints, "train")], recipe=recipe)
+    offset = found.calibration.time_offset
+    assert offset is not None
+    assert offset.std is not None
+    assert abs(offset.seconds - late) < 3 * offset.std < late
 
 
 def test_the_checks_take_terms_that_remember_and_were_named() -> None:

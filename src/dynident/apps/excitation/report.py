@@ -213,6 +213,11 @@ def _shape_sentences(geometry: Geometry) -> Iterator[str]:
 
 def excitation_findings(project: ExcitationProject, design: Design) -> list[str]:
     """Return plain sentences: what the motion will tell, what stays open, what was assumed, and the notes."""
+    return [*expected_findings(design), *noise_words(project), *room_findings(project, design)]
+
+
+def room_findings(project: ExcitationProject, design: Design) -> list[str]:
+    """Return what to look at before the arm moves: what was assumed of its room, shapes and limits, and the notes."""
     notes = (str(note) for note in design.notes if not isinstance(note, UnexcitedParameters))  # a table has these
     around = (
         *((str(project.gripper),) if project.gripper else ()),
@@ -220,7 +225,7 @@ def excitation_findings(project: ExcitationProject, design: Design) -> list[str]
         *shape_words(project),
         *floor_words(project, design),
     )
-    return [*expected_findings(design), *around, *noise_words(project), *limit_words(design), *notes]
+    return [*around, *limit_words(design), *notes]
 
 
 def excitation_page(project: ExcitationProject, design: Design, files: Sequence[tuple[str, str]] = ()) -> str:

@@ -123,7 +123,12 @@ def test_the_torque_over_velocity_is_that_of_the_friction_and_a_kept_setting_lie
     names = ["measured", "other setting", "predicted"]
     last = {"kept": "?degree=[2,2,2]", "now": "", "before": None}
     over_time, loop = page.torque(last, None, "")
-    assert [trace["name"] for trace in over_time["data"]] == [*names, "other setting", "residual"]
+    assert [trace["name"] for trace in over_time["data"]] == [
+        "measured",
+        *2 * ["other setting"],
+        "predicted",
+        "residual",
+    ]
     assert [trace["name"] for trace in loop["data"]] == names
     kept, *_ = page.fit("?degree=[1,1,1]", last, "tab")
     assert kept["kept"] == last["kept"], "a change keeps it"

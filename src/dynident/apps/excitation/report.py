@@ -148,6 +148,7 @@ def arm_view(project: ExcitationProject, design: Design) -> Figure | None:
     ]
     figure = scene_figure(bodies, [Replay("", 0.0, stop, q)], moving, still)
     figure.layout["height"] = VIEW_HEIGHT
+    figure.layout["scene"]["camera"]["eye"] = {"x": 1.3, "y": 1.09, "z": 0.65}  # a narrow view from farther away
     return Figure(figure, _VIEW_NOTE)
 
 

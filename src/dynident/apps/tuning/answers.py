@@ -224,7 +224,7 @@ class Page:
 
 def _friction_loops(fits: Sequence[QuickFit], name: str, joint: int) -> dict[str, tuple[Array, Array]]:
     """Return velocities and torques without those of the bodies: measured, predicted, and by another setting."""
-    loops = {}
+    loops: dict[str, tuple[Array, Array]] = {}
     for fit, title in zip(fits, ("predicted", OTHER_SETTING), strict=False):
         log = fit.logs[name]
         mask, inertial = log.motion.mask, fit.inertial_torque[name][:, joint]

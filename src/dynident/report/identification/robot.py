@@ -72,7 +72,7 @@ LEGEND_WORDS = {
 LEGEND_MEANINGS = {
     DeterminedBy.DATA: "by the data alone",
     DeterminedBy.COMBINATION: "the data fix sums with other links",
-    DeterminedBy.PRIOR: "the data fix sums, the file or prior their parts: usual, also of a good model",
+    DeterminedBy.PRIOR: "the data fix sums, which the file or prior splits, as is usual for a good model",
     DeterminedBy.BOUND: "held by a physical constraint",
     DeterminedBy.NOTHING: "neither by data nor by a prior",
 }
@@ -131,7 +131,7 @@ def robot_view(identification: Identification, geometry: Geometry | None = None)
     scene["camera"] = _camera_towards(figure.data[: len(moving)], scene)
     for axis in "xyz":
         scene[f"{axis}axis"]["visible"] = False
-    return Figure(figure, f"Most of the ten parameters of a link are {_meanings(links)}", player=False)
+    return Figure(figure, f"How most parameters of a link are determined: {_meanings(links)}", player=False)
 
 
 def _camera_towards(arm: Sequence[Trace], scene: dict[str, Any]) -> dict[str, Any]:

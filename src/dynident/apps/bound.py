@@ -97,9 +97,11 @@ def limit_figure(bound: AccuracyBound) -> Drawing:
     A parameter counts for the last joint on whose torque the first of its combination acts.
     """
     model = bound.identification.model
-    index = {name: k for k, name in enumerate(model.names)}
     columns = [set(part.tolist()) for part in model.structure.columns]
-    lead_joints = [max((j for j, part in enumerate(columns) if index[name] in part), default=0) for name in bound.leads]
+    # a name may hold spaces: the longest one that a formula begins with leads it
+    leads = [max((x for x in model.names if formula.startswith(x)), key=len, default="") for formula in bound.names]
+    places = [model.names.index(name) if name else -1 for name in leads]
+    lead_joints = [max((j for j, part in enumerate(columns) if k in part), default=0) for k in places]
     causes = [_cause(bound, k) for k in range(len(bound.names))]
     joints = [plain(joint.name) for joint in model.joints]
     figure = panels([""], 110 + 26 * len(joints), shared=False)

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from dynident.apps.bound import bound_findings, bound_page, bound_table
+from dynident.apps.bound import bound_findings, bound_page, bound_table, limit_figure
 from dynident.identification import AccuracyBound, Measure, Origin, accuracy_bound
 from dynident.motion.log import Log
 from tests.identification.test_accuracy import swing
@@ -25,21 +25,36 @@ def limited(position_share: float, **changes) -> str:
 
 
 def test_the_noise_that_limits_is_named() -> None:
-    assert "Position noise limits it (90 % of the variance): one more bit gives" in limited(0.9)
-    assert "Torque noise limits it (90 % of the variance): ten times its accuracy gives" in limited(0.1)
+    assert (
+        "Position noise limits the least known (90 % of the variance): at best h 0.17 %, J 0.16 %; one more bit"
+        in limited(0.9)
+    )
+    assert "Torque noise limits the least known (90 % of the variance): at best h 0.17 %" in limited(0.1)
 
 
 def test_a_motion_that_ties_parameters_is_named() -> None:
     words = limited(0.1, conditional_std=found().std["now"] / 8)
-    assert "were all others known, it would be 8.0 times smaller" in words
+    assert "alone, it would be known 8.0 times better" in words
+    assert words.count("The motion limits them too") == 1
 
 
 def test_a_parameter_not_excited_is_said() -> None:
     one = found()
     std = {name: np.full_like(value, np.inf) for name, value in one.std.items()}
     words = " ".join(bound_findings(replace(one, std=std)))
-    assert "not determined by this motion at any noise level" in words
+    assert "This motion does not show J, h at any noise level: excite them." in words
     assert "∞" in {row[4] for row in bound_table(replace(one, std=std)).rows}
+
+
+def test_each_base_parameter_is_in_the_bar_of_its_joint_by_what_limits_it() -> None:
+    one = found()
+    (bar,) = limit_figure(one).data
+    assert (bar["name"], bar["x"], len(bar["y"])) == ("known to 10 % at best", [2], 1)
+    std = {name: value * np.array([1.0, 1e3]) for name, value in one.std.items()}
+    weak = replace(one, std=std, conditional_std=std["now"])
+    assert [x["name"] for x in limit_figure(weak).data] == ["known to 10 % at best", "limited by torque noise"]
+    tied = limit_figure(replace(weak, conditional_std=std["now"] / 8)).data
+    assert [(x["name"], x["x"]) for x in tied][1] == ("limited by the motion", [1])
 
 
 def test_misfit_is_distinguished_from_the_sensor() -> None:

@@ -48,7 +48,7 @@ def recorded(path: Path, speed: float, seed: int) -> None:
     q = np.stack(way)
     tau = model.torque(q.T, dq.T, ddq.T, theta).T + 0.02 * rng.standard_normal(q.shape)
     q = q + 1e-4 * rng.standard_normal(q.shape)
-    np.savez(path, t=t, q=q[0], p=q[1], u=tau[0], w=tau[1])
+    np.savez(path, t=t, q=q[0], p=q[1], u=tau[0], w=tau[1], temperature=20 + 0.1 * t)
 
 
 @pytest.fixture(scope="module")
@@ -120,11 +120,23 @@ def test_after_a_wrong_address_curves_and_fit_follow_the_slider_and_a_new_file_i
     page.press("#degree", "ArrowRight")
     page.wait_for_selector("#degree-words:has-text('S/n = 1.05')")
     assert settled(page, "") == "?degree=[0.02,0.02]"
+    page.click("#keep")
     page.fill("#degree", "1.2")
     assert settled(page, "?degree=[0.02,0.02]") == "?degree=[1.2,1.2]"
     assert drawn(page) != acceleration
     assert page.inner_text("#numbers") != error
     assert "smoothing of all joints: S/n = 1.00 → S/n = 15.8" in page.inner_text("#unsaved")
+    for figure in ("torque", "loop"):
+        page.wait_for_function(
+            f"document.querySelector('#{figure} .js-plotly-plot').textContent.includes('other setting')"
+        )
+    column = page.locator("input[list=columns]")
+    column.fill("temperature")
+    column.press("Enter")
+    page.wait_for_function("document.querySelector('#motion .js-plotly-plot').data.at(-1).name === 'temperature'")
+    page.go_back()
+    assert settled(page, "") == "?degree=[1.2,1.2]"
+    page.click("#keep")
     page.wait_for_selector("#marks button")
     page.wait_for_selector("#verdict .badge")
 

@@ -22,6 +22,10 @@ def config(tmp_path: Path) -> Path:
 
 def test_table_numbers_and_report(config: Path, tmp_path: Path) -> None:
     done = succeed("bound", config, "--out", tmp_path / "out", "--json", tmp_path / "numbers.json")
+    *others, last = done.output.splitlines()
+    assert len(others) < 12
+    assert last.startswith("4 of 4 base parameters can be known")
+    done = succeed("bound", config, "--out", tmp_path / "out", "--json", tmp_path / "numbers.json", "-v")
     for word in (
         "M",
         "Fv",
@@ -48,7 +52,7 @@ def test_table_numbers_and_report(config: Path, tmp_path: Path) -> None:
     assert found["provenance"]["configuration"]["text"] == config.read_text()
     page = (tmp_path / "out" / "report.html").read_text()
     assert "http://" not in page.split("<script>")[0]
-    assert page.count("<figure>") == 1
+    assert page.count("<figure>") == 2
 
 
 def test_given_noise_scales_the_bound(config: Path, tmp_path: Path) -> None:

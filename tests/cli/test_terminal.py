@@ -95,7 +95,7 @@ def test_tables_are_printed_in_any_encoding(tmp_path: Path, encoding: str) -> No
     """That of a file to which Windows redirects what is printed has no lines to draw."""
     robot = tmp_path / "arm.urdf"
     robot.write_text(ARM.replace('"shoulder"', '"łokieć"'), encoding="utf-8")
-    done = CliRunner(charset=encoding).invoke(main, ["check", str(robot)])
+    done = CliRunner(charset=encoding).invoke(main, ["check", str(robot), "-v"])
     assert done.exit_code == 0, done.output
     name, line = ("łokieć", "───") if encoding == "utf-8" else (r"\u0142okie\u0107", "---")
     assert name in done.stdout

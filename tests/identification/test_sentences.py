@@ -123,7 +123,7 @@ def test_the_second_sentence_praises_only_what_nothing_stands_against() -> None:
     assert second(Use.CONTROL, one, run=None) == second(Use.CONTROL, one)
     assert second(Use.DO_NOT_USE, three) == f"Against its use: {three}."
     assert second(Use.CONTROL, one, two) == f"Not for simulation: {one}; {two}."
-    assert second(Use.DO_NOT_USE, three, one, two) == f"Against its use: {three}; {one}; and 1 more."
+    assert second(Use.DO_NOT_USE, three, one, two) == f"Against its use: {three}; {one}. There is 1 more reason."
 
 
 def test_a_reason_that_asks_ends_with_its_question_mark() -> None:
@@ -132,8 +132,14 @@ def test_a_reason_that_asks_ends_with_its_question_mark() -> None:
     assert second(Use.DO_NOT_USE, asking) == said
     assert second(Use.DO_NOT_USE, asking, plain) == f"{said} And {plain}."
     assert second(Use.DO_NOT_USE, plain, asking, plain) == (
-        f"Against its use: {plain}; a: is it in degrees? And 1 more."
+        f"Against its use: {plain}; a: is it in degrees? There is 1 more reason."
     )
+
+
+def test_no_reason_is_cut_and_of_each_the_first_sentence_is_said() -> None:
+    advice = Finding(Remark("friction grows with the load. Add `load` to `terms`. Likewise b"), "a")
+    said = second(Use.DO_NOT_USE, why.ForbiddingFindings((advice,)), *[why.NoHoldOut()] * 3)
+    assert said == f"Against its use: a: friction grows with the load; {why.NoHoldOut()}. There are 2 more reasons."
 
 
 def test_what_no_data_show_is_a_sentence_only_where_there_is_something() -> None:

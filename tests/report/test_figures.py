@@ -308,7 +308,7 @@ def test_stamps_far_from_zero_are_counted_from_the_first():
 
 def test_points_are_shared_among_curves():
     assert figures.points_per_curve(1) == 4000
-    assert figures.points_per_curve(150) * 150 <= 300_000
+    assert figures.points_per_curve(150) * 150 <= 200_000
     assert figures.points_per_curve(100_000) == 100
 
 

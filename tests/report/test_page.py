@@ -1,5 +1,7 @@
 import json
 import re
+import zlib
+from base64 import b64decode
 from html.parser import HTMLParser
 
 import pytest
@@ -19,6 +21,7 @@ from dynident.report.page import (
     PageSection,
     PageTable,
     pair_table,
+    plotly_packed,
     relative_link,
     render,
 )
@@ -163,10 +166,12 @@ def test_long_names_are_shortened_and_stand_whole_in_a_title():
 
 def test_plotly_is_embedded_once_only_where_there_is_a_figure_and_the_network_is_asked_for_nothing():
     page = render("t", "l", [PageSection("s", (figure(), PageSection("inner", (figure(),))))])
-    outline = Outline(page)
-    assert page.count(get_plotlyjs()) == 1
+    outline, packed = Outline(page), plotly_packed()
+    assert page.count(packed) == 1
+    assert zlib.decompress(b64decode(packed)).decode() == get_plotlyjs()
+    assert len(packed) < 0.45 * len(get_plotlyjs())
     assert outline.count("figure") == 2
-    assert not re.search(r"https?:|//[a-z]|@import|url\(", page.replace(get_plotlyjs(), ""))
+    assert not re.search(r"https?:|//[a-z]|@import|url\(", page.replace(packed, ""))
     assert all("src" not in attrs and tag != "link" for tag, attrs in outline.tags)
     (policy,) = (attrs for _, attrs in outline.tags if attrs.get("http-equiv") == "Content-Security-Policy")
     assert policy["content"].startswith("default-src 'none'")
@@ -191,7 +196,7 @@ def test_names_cannot_break_out_of_texts_tables_and_figures():
 
 def test_without_its_file_plotly_is_asked_for_the_script(monkeypatch):
     monkeypatch.setattr("dynident.report.page.find_spec", lambda name: None)
-    assert get_plotlyjs() in render("t", "l", [PageSection("s", (figure("a"),))])
+    assert plotly_packed.__wrapped__() == plotly_packed()
 
 
 @pytest.mark.parametrize(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dynident.identification import Measure, Origin
 from dynident.report import Drawing
-from dynident.report.figures import AMBER, BLUE, GREEN, INK, RED, mark_rows, panels, plain
+from dynident.report.figures import AMBER, BLUE, GREEN, INK, RED, VIOLET, mark_rows, panels, plain, trace
 from dynident.report.page import (
     UNIT,
     Column,
@@ -25,7 +26,7 @@ from dynident.report.page import (
     short_formula,
 )
 from dynident.report.words import settings_of
-from dynident.runtime import number
+from dynident.runtime import join_names, number
 
 if TYPE_CHECKING:
     from dynident.identification import AccuracyBound
@@ -43,9 +44,13 @@ CHANGE_STYLES = {
 }  # fmt: skip
 
 WELL = 10.0  # a parameter is called well determined up to this least standard deviation, % of its value
+KNOWN_WELL, MOTION_LIMITS = f"known to {WELL:g} % at best", "limited by the motion"
+CAUSE_COLOURS = {
+    KNOWN_WELL: GREEN, "limited by torque noise": BLUE, "limited by position noise": VIOLET, MOTION_LIMITS: AMBER,
+}  # fmt: skip
 MAX_SIGN_KNOWN = 100.0  # above it not even the sign is sure
 MAX_FULL_LIST, SHOWN_WORST = 40, 25  # a terminal shows up to so many parameters all, of more the worst
-MAX_SENTENCES = 5  # parameters that get a sentence of their own
+MAX_SENTENCES = 5  # least known parameters that sentences name
 MIN_DOMINANT_SHARE = 0.5  # share of the variance from which a noise is named first
 # how many times knowing the other parameters would lower the deviation, to call the motion the limit
 MIN_TIED_INFLATION = 5.0
@@ -53,6 +58,17 @@ MIN_MISFIT_RATIO = 3.0  # residual over the torque's own noise, from which the m
 MIN_FILTERED_RATIO = 300.0  # the same ratio, from which the torque must have been filtered
 MIN_COLOURED_FACTOR = 1.5  # factor by which correlation in the residual would raise the bound, to speak of
 HEADS = {"now": "now", "bit": "+1 bit", "torque": "torque x 10", "longer": "4 x record"}
+
+
+class Limit(Enum):
+    """What about a motion limits a parameter: it does not show it, ties it to others, hardly shows it, or only noise
+    does."""
+
+    UNSEEN = "not excited"
+    TIED = "tied to others"
+    WEAK = "weakly excited"
+    NOISE = "noise"
+
 
 _BOUND_NOTE = (
     "The Cramér-Rao bound: no unbiased method has smaller standard deviations with these sensors on this motion, if "
@@ -73,6 +89,41 @@ def bound_figure(bound: AccuracyBound, labels: Sequence[str]) -> Drawing:
     }}  # fmt: skip
     mark_rows(figure, labels, marks.values(), "standard deviation, % of the value")
     return figure
+
+
+def limit_figure(bound: AccuracyBound) -> Drawing:
+    """Draw how many base parameters of each joint can be known well, and what limits the others.
+
+    A parameter counts for the last joint on whose torque the first of its combination acts.
+    """
+    model = bound.identification.model
+    columns = [set(part.tolist()) for part in model.structure.columns]
+    # a name may hold spaces: the longest one that a formula begins with leads it
+    leads = [max((x for x in model.names if formula.startswith(x)), key=len, default="") for formula in bound.names]
+    places = [model.names.index(name) if name else -1 for name in leads]
+    lead_joints = [max((j for j, part in enumerate(columns) if k in part), default=0) for k in places]
+    causes = [_cause(bound, k) for k in range(len(bound.names))]
+    joints = [plain(joint.name) for joint in model.joints]
+    figure = panels([""], 110 + 26 * len(joints), shared=False)
+    for cause, colour in CAUSE_COLOURS.items():
+        counts = [sum(x == (j, cause) for x in zip(lead_joints, causes, strict=True)) for j in range(len(joints))]
+        if any(counts):
+            figure.add(trace("bar", x=counts, y=joints, orientation="h", name=cause, marker={"color": colour}))
+    figure.axes("y", type="category", autorange="reversed", showgrid=False)
+    figure.axes("x", title="base parameters", rangemode="tozero")
+    figure.layout.update(barmode="stack", bargap=0.3, hovermode="closest", legend={"traceorder": "normal"})
+    figure.layout["showlegend"] = True
+    return figure
+
+
+def _cause(bound: AccuracyBound, k: int) -> str:
+    if bound.relative[k] <= WELL:
+        return KNOWN_WELL
+    return (
+        MOTION_LIMITS
+        if _limit(bound, k) in (Limit.UNSEEN, Limit.TIED)
+        else f"limited by {_dominant_noise(bound, k)[0]}"
+    )
 
 
 def bound_table(bound: AccuracyBound, short: bool = False) -> PageTable:
@@ -153,32 +204,51 @@ def _overall_sentences(bound: AccuracyBound) -> Iterator[str]:
 
 
 def _worst_sentences(bound: AccuracyBound) -> Iterator[str]:
-    for k in np.argsort(-bound.relative, kind="stable")[:MAX_SENTENCES]:
-        yield f"{short_formula(bound.names[int(k)])}: {_limit_sentence(bound, int(k))}"
-
-
-def _limit_sentence(bound: AccuracyBound, k: int) -> str:
-    now, relative = float(bound.std["now"][k]), float(bound.relative[k])
-    if not np.isfinite(now):
-        return "not determined by this motion at any noise level; excite it."
-    at_best = f"{number(relative, 2)} % at best" + (
-        ", not distinguishable from zero" if relative > MAX_SIGN_KNOWN else ""
-    )
-    name, change, share = _dominant_noise(bound, k)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        after = float(100 * bound.std[change][k] / abs(bound.value[k]))
-    step = "one more bit" if change == "bit" else "ten times its accuracy"
-    sentence = f"{at_best}. {name.capitalize()} limits it ({number(100 * share, 2)} % of the variance): {step} gives "
-    sentence += f"{number(after, 2)} %."
-    if bound.inflation[k] > MIN_TIED_INFLATION:
-        sentence += (
-            f" The motion does too: were all others known, it would be {number(float(bound.inflation[k]), 2)} times "
-            f"smaller; hardest to tell from {short_formula(bound.names[int(bound.partner[k])])} "
-            f"(correlation {bound.correlation[k]:.3f})."
+    """Yield what limits the least known parameters: those with one cause share a sentence."""
+    groups: dict[tuple[str, str, Limit], list[int]] = {}
+    for k in np.argsort(-bound.relative, kind="stable")[:MAX_SENTENCES].tolist():
+        noise, change, _ = _dominant_noise(bound, k)
+        groups.setdefault((noise, change, _limit(bound, k)), []).append(k)
+    for (noise, change, limit), members in groups.items():
+        names = join_names(short_formula(bound.names[k]) for k in members)
+        if limit is Limit.UNSEEN:
+            yield f"This motion does not show {names} at any noise level: excite {_them(members)}."
+            continue
+        sizes = join_names(f"{short_formula(bound.names[k])} {number(float(bound.relative[k]), 2)} %" for k in members)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            later = (float(100 * bound.std[change][k] / abs(bound.value[k])) for k in members)
+            after = join_names(f"{number(size, 2)} %" for size in later)
+        share = min(_dominant_noise(bound, k)[2] for k in members)
+        step = "one more bit" if change == "bit" else "ten times its accuracy"
+        yield (
+            f"{noise.capitalize()} limits the least known ({number(100 * share, 2)} % of the variance): at best "
+            f"{sizes}; {step} gives {after}.{_limit_words(bound, members, limit)}"
         )
-    elif relative > WELL:
-        sentence += " No other parameter hides it: its share of the torque is small in this motion; excite it more."
-    return sentence
+
+
+def _limit_words(bound: AccuracyBound, members: Sequence[int], limit: Limit) -> str:
+    """Return what limits parameters besides a noise, where anything does."""
+    if limit is Limit.TIED:
+        ties = join_names(
+            f"{short_formula(bound.names[k])} to {short_formula(bound.names[int(bound.partner[k])])} (correlation "
+            f"{bound.correlation[k]:.3f}; alone, it would be known {number(float(bound.inflation[k]), 2)} times better)"
+            for k in members
+        )
+        return f" The motion limits {_them(members)} too: it ties {ties}."
+    return f" This motion hardly shows {_them(members)}: excite {_them(members)} more." if limit is Limit.WEAK else ""
+
+
+def _them(members: Sequence[int]) -> str:
+    return "them" if members[1:] else "it"
+
+
+def _limit(bound: AccuracyBound, k: int) -> Limit:
+    """Return what about the motion keeps a parameter from being known well."""
+    if not np.isfinite(bound.std["now"][k]):
+        return Limit.UNSEEN
+    if bound.inflation[k] > MIN_TIED_INFLATION:
+        return Limit.TIED
+    return Limit.WEAK if bound.relative[k] > WELL else Limit.NOISE
 
 
 def _dominant_noise(bound: AccuracyBound, k: int) -> tuple[str, str, float]:
@@ -188,12 +258,11 @@ def _dominant_noise(bound: AccuracyBound, k: int) -> tuple[str, str, float]:
 
 
 def _limit_cell(bound: AccuracyBound, k: int) -> str:
-    if not np.isfinite(bound.std["now"][k]):
+    limit = _limit(bound, k)
+    if limit is Limit.UNSEEN:
         return "motion"
     name, _, share = _dominant_noise(bound, k)
-    return f"{name.removesuffix(' noise')} {100 * share:.0f} %" + (
-        ", motion" if bound.inflation[k] > MIN_TIED_INFLATION else ""
-    )
+    return f"{name.removesuffix(' noise')} {100 * share:.0f} %" + ", motion" * (limit is Limit.TIED)
 
 
 def _cautions(bound: AccuracyBound) -> Iterator[str]:
@@ -248,7 +317,10 @@ def bound_page(bound: AccuracyBound) -> str:
         "Least standard deviation of each base parameter in % of its value, logarithmic: now and after each change; "
         "the cross is the standard error of the fit itself, which allows for correlated residuals."
     )
-    blocks: tuple[PageBlock, ...] = (facts, tuple(bound_findings(bound)))
+    limits = Figure(
+        limit_figure(bound), "Base parameters by joint: those known well at best, and what limits the others."
+    )
+    blocks: tuple[PageBlock, ...] = (facts, limits, tuple(bound_findings(bound)))
     sections = [
         PageSection("What could be reached", blocks),
         PageSection(

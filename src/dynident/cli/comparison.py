@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynident.cli.command_log import one_line, print_error
+from dynident.cli.command_log import command_log, one_line, print_error
 from dynident.cli.options import (
     CONFIG,
     DIRECTORY,
@@ -19,7 +19,7 @@ from dynident.cli.options import (
     WorkerOptions,
     add_worker_options,
 )
-from dynident.cli.terminal import console, print_path, print_paths, status
+from dynident.cli.terminal import console, print_files, print_path, print_paths, status
 from dynident.runtime import report_progress
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 COMPARE_MODULES = ("dynident.apps.ranking.assemble", "dynident.estimators", "dynident.motion.smoothers")
 FLEET_MODULES = ("dynident.apps.fleets.fit", "dynident.report.identification.report")
 DIFFERENT_EXIT_CODE = 3  # exit code
+MAX_VERBOSE_ROWS = 40  # rows of a ranking
 NUMBERS, PAGE = "comparison.json", "report.html"
 
 
@@ -77,8 +78,7 @@ def compare(
             config, out, smoothers=smoothers, estimators=estimators, truth=truth, folds=folds, executor=executor,
             limits=spread.limits, rerun=rerun)  # fmt: skip
     screen = console()
-    screen.say(f"{ranking.name}: {ranking_heading(ranking)}.", "bold")
-    for table in ranking_tables(ranking):
+    for table in ranking_tables(ranking, *([MAX_VERBOSE_ROWS] if command_log().verbose else [])):
         screen.show(table)
     for line in ranking_findings(ranking):
         screen.say(f"* {line}")
@@ -87,7 +87,8 @@ def compare(
     if out:
         from dynident.apps.ranking import FILES
 
-        print_paths(screen, ("Table", "Numbers", "Report"), (out / name for name in FILES))
+        print_files(screen, [out / name for name in FILES])
+    screen.say(f"{ranking.name}: {ranking_heading(ranking)}.", "bold")
     if not ranking.standings:
         raise click.ClickException("no combination has an estimate; see the reasons above")
 

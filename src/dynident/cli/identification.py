@@ -23,7 +23,7 @@ from dynident.cli.options import (
     WorkerOptions,
     add_worker_options,
 )
-from dynident.cli.terminal import announce, console, print_path, say_line, status
+from dynident.cli.terminal import announce, console, print_files, print_path, say_line, status
 from dynident.runtime import Severity, count, report_progress
 
 if TYPE_CHECKING:
@@ -199,8 +199,8 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
 
 def _show_files(screen: Screen, written: Sequence[tuple[str, Path]]) -> None:
     """Print the files of the result in one line, and where the configuration is."""
-    if files := [path for label, path in written if label != "Configuration"]:
-        screen.say(f"Files in {files[0].parent.resolve()}: {', '.join(path.name for path in files)}", no_wrap=True)
+    files = [path for label, path in written if label != "Configuration"]
+    print_files(screen, files)
     for label, path in written[len(files) :]:
         print_path(screen, label, path)
 

@@ -12,7 +12,7 @@ import click
 from dynident.cli.command_log import print_error
 from dynident.cli.failures import command
 from dynident.cli.options import CHECKED, CONFIG, DIRECTORY, FILE, JSON_FILE, LOG, ROBOTS, parse_noise
-from dynident.cli.terminal import announce, console, print_path, print_paths, say_line, status
+from dynident.cli.terminal import announce, console, print_files, print_path, print_paths, say_line, status
 
 if TYPE_CHECKING:
     from dynident.checks import CheckResult
@@ -24,25 +24,31 @@ if TYPE_CHECKING:
 @JSON_FILE
 def check(files: tuple[Path, ...], json_file: Path | None) -> None:
     """Check each FILE, a configuration (YAML) with its logs and robot file, or a robot file (URDF, MJCF) alone, and
-    print what is wrong and how to mend it. The exit code is 1 if an error is found.
+    print what is wrong and how to mend it; -v adds hints and tables. The exit code is 1 if an error is found.
     """
     announce()
     from dynident.files.results import claim_json, write_json
-    from dynident.report.check import check_dict, check_summary, check_tables
+    from dynident.report.check import check_dict, check_summary, fact_tables, finding_tables
+    from dynident.runtime import Severity
 
     claim_json(json_file, *(files if json_file else ()))
     screen, check_results = console(), {}
     for path in files:
         with status():
             check_results[str(path)] = check_result = _examine_file(path, json_file)
-        screen.say(f"{path}: {check_summary(check_result)}", "bold")
-        for table in check_tables(check_result):
-            screen.show(table)
+        if len(files) > 1:
+            screen.say(str(path))
+        for severity, table in finding_tables(check_result).items():
+            screen.show(table, detail=severity is Severity.INFO)
+        for table in fact_tables(check_result):
+            screen.show(table, detail=True)
     if json_file:
         findings = {path: check_dict(check_result) for path, check_result in check_results.items()}
         print_path(screen, "Findings", write_json(json_file, findings))
     for path in files:
         screen.remark(_next_command(path, check_results[str(path)]), no_wrap=True)
+    for name, check_result in check_results.items():
+        screen.say(f"{name}: {check_summary(check_result)}", "bold")
     if any(check_result.has_errors for check_result in check_results.values()):
         raise SystemExit(1)
 
@@ -136,12 +142,14 @@ def bound(
         written = folder.replace({"bound.json": numbers, "report.html": bound_page(accuracy)}) if folder else ()
     screen = console()
     for table in (noise_table(accuracy), bound_table(accuracy, short=True)):
-        screen.show(table)
-    for line in (*map(Line, bound_findings(accuracy)), *note_lines(accuracy.identification.notes)):
+        screen.show(table, detail=True)
+    overall, *others = bound_findings(accuracy)
+    for line in (*map(Line, others), *note_lines(accuracy.identification.notes)):
         say_line(screen, line)
     if json_file:
         print_path(screen, "Numbers", write_text(json_file, numbers))
-    print_paths(screen, ("Numbers", "Report"), written)
+    print_files(screen, written)
+    screen.say(overall, "bold")
 
 
 @click.command(short_help="Smooth and differentiate columns of a file.")

@@ -23,7 +23,7 @@ from dynident.cli.options import (
     add_worker_options,
     parse_noise,
 )
-from dynident.cli.terminal import console, print_path, say_line, status
+from dynident.cli.terminal import console, print_files, print_path, say_line, status
 from dynident.runtime import report_progress
 
 if TYPE_CHECKING:
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 PROGRAMS = ("motion", "friction", "gravity", "all")
 POSITIVE = FiniteRange(0, min_open=True)
-_KINDS = {".csv": "Motion", ".json": "Numbers", ".html": "Report"}
 
 
 @click.command(short_help="Design a motion that shows the parameters of a robot.")
@@ -82,12 +81,13 @@ def excite(
     """
     from functools import partial
 
+    from dynident.apps.excitation.expected_report import expected_findings, noise_words
     from dynident.apps.excitation.report import (
         NO_TRIAL,
         TRIAL,
-        excitation_findings,
         excitation_heading,
         limit_use_table,
+        room_findings,
     )
     from dynident.apps.excitation.robot import read_excitation
     from dynident.apps.excitation.run import CONFIG as DRAFT
@@ -106,22 +106,23 @@ def excite(
         report_progress("writing the motions")
         written = write_design(folder, project, design)
     screen = console()
-    screen.say(excitation_heading(design), "bold")
-    screen.show(limit_use_table(design))
-    for line in excitation_findings(project, design):
-        screen.say(f"* {line}")
+    screen.show(limit_use_table(design), detail=True)
+    told, *details = expected_findings(design)
+    for line in (*details, *noise_words(project)):
+        screen.remark(line, detail=True)
+    for line in room_findings(project, design):
+        screen.say(line)
     if not any(path.name.startswith(f"{TRIAL}.") for path in written):
-        screen.say(f"* {NO_TRIAL}")
-    for path in written:
-        label = "Configuration" if path.name == DRAFT else _KINDS.get(path.suffix)
-        if label:
-            print_path(screen, label, path)
+        screen.say(NO_TRIAL)
+    print_files(screen, [path for path in written if path.suffix != ".npz"])
     screen.remark(
         "Beside each motion (.csv) are the same as .npz and programs that play it (ROS 2, and where the arm is known "
-        "libfranka or URScript); their heads say how."
+        "libfranka or URScript); their heads say how.",
+        detail=True,
     )
     if any(path.name == DRAFT for path in written):
         screen.remark(f"Next, when both are recorded: {command('check', out / DRAFT)}", no_wrap=True)
+    screen.say(f"{excitation_heading(design)} {told}", "bold")
 
 
 @click.command(short_help="Identify the payload of an arm.")
@@ -208,18 +209,17 @@ def payload(
             estimate = replace(estimate, notes=(*notes, *estimate.notes))
         written, urdf_notes = _write_payload(folder, estimate, saved) if folder else ([], ())
     screen = console()
-    screen.say(payload_words(estimate), "bold")
     for table in (payload_table(estimate), shares_table(estimate), *torque_table(estimate), *gains_table(estimate)):
-        screen.show(table)
+        screen.show(table, detail=True)
     for line in note_lines(note for note in estimate.notes if not isinstance(note, NoPayload)):
         say_line(screen, line)
     for words in (*warnings, *unloaded_warnings, *urdf_notes):
         screen.remark(f"Note: {words}")
-    for label, path in written:
-        print_path(screen, label, path)
+    print_files(screen, [path for _, path in written])
     if out and known_mass is not None:
         next_command = command("payload", result, "LOADED", "--gains", out / "payload.json")
         screen.remark(f"To find another payload with these gains: {next_command}", no_wrap=True)
+    screen.say(payload_words(estimate), "bold")
 
 
 def _write_payload(

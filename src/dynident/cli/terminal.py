@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,6 +32,12 @@ def print_paths(screen: Screen, labels: Iterable[str], paths: Iterable[Path]) ->
 def say_line(screen: Screen, line: Line, detail: bool = False) -> None:
     """Print a line besides the results, in yellow where it is a warning; a ``detail`` only with ``--verbose``."""
     screen.remark(line.text, "yellow" if line.severity is Severity.WARNING else None, detail=detail)
+
+
+def print_files(screen: Screen, paths: Sequence[Path]) -> None:
+    """Print the files that were written into one folder, in one line."""
+    if paths:
+        screen.say(f"Files in {paths[0].parent.resolve()}: {', '.join(path.name for path in paths)}", no_wrap=True)
 
 
 def console() -> Screen:

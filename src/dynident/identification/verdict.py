@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -14,18 +15,19 @@ from dynident.runtime import (
     Statement,
     TaggedUnion,
     Use,
+    count,
     join_names,
     number,
     percent,
     place_and_text,
     rough,
     short,
-    shorten,
 )
 from dynident.validation import AT_FLOOR, Cause, Driver, FloorOrigin, NoiseFloor, causes_text
 
 MAX_NAMES = 5  # names of negative parameters that a sentence lists
 NAMED_REASONS = 2  # reasons that the second sentence names
+SENTENCE_END = re.compile(r"\.\s+(?=[A-Z])")  # inside a reason
 _USE_SENTENCES = {
     Use.DO_NOT_USE: "Do not use this model yet",
     Use.CONTROL: "Good for control (feedforward, gravity compensation) on motions like these",
@@ -397,10 +399,10 @@ class Verdict:
     def __str__(self) -> str:
         return " ".join(self.sentences())
 
-    def sentences(self, max_length: int | None = None) -> tuple[str, ...]:
+    def sentences(self) -> tuple[str, ...]:
         """Return the verdict in sentences: use and errors, reasons against more use, residual, what stays unknown.
 
-        Reasons of more than ``max_length`` characters are cut.
+        Of a reason its first sentence is there; ``reasons`` have the others, such as what to do about it.
         """
         use = _USE_SENTENCES[self.use]
         opening = f"{use}: {'no log was held out' if self.held_out is None else self.held_out}."
@@ -408,16 +410,15 @@ class Verdict:
         unknown = (
             f"No recording of this robot can reveal {', or '.join(map(str, self.unknown))}. Check this by other means."
         )
-        return opening, self._reasons_sentence(max_length), residual, *((unknown,) if self.unknown else ())
+        return opening, self._reasons_sentence(), residual, *((unknown,) if self.unknown else ())
 
-    def _reasons_sentence(self, max_length: int | None) -> str:
+    def _reasons_sentence(self) -> str:
         if not self.reasons and self.run is not None:
             return (
                 "Its mass matrix is positive definite in all poses tested, and the error of its free simulation is "
                 f"at most {rough(self.run.error)} of the motion ({self.run.joint}, {self.run.log})."
             )
-        clauses = [shorten(str(reason), max_length) for reason in self.reasons[:NAMED_REASONS]]
-        clauses += [f"and {len(self.reasons) - NAMED_REASONS} more"] if len(self.reasons) > NAMED_REASONS else []
+        clauses = [SENTENCE_END.split(str(reason), maxsplit=1)[0] for reason in self.reasons[:NAMED_REASONS]]
         text = "Against its use: " if self.use is Use.DO_NOT_USE else "Not for simulation: "
         for k, clause in enumerate(clauses):
             # A reason that ends with a question mark closes its sentence, so the next one begins another
@@ -425,4 +426,6 @@ class Verdict:
                 text += f" And {clause.removeprefix('and ')}"
             else:
                 text += f"; {clause}" if k else clause
-        return text if text.endswith("?") else f"{text}."
+        text += "" if text.endswith("?") else "."
+        more = len(self.reasons) - NAMED_REASONS
+        return text if more < 1 else f"{text} There {'is' if more == 1 else 'are'} {count(more, 'more reason')}."

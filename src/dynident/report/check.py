@@ -29,13 +29,23 @@ def check_summary(check: CheckResult) -> str:
 
 
 def check_tables(check: CheckResult) -> list[PageTable]:
-    """Return the tables for a terminal: errors, warnings, what is good to know, then the facts."""
+    """Return all tables: errors, warnings, what is good to know, then the facts."""
+    return [*finding_tables(check).values(), *fact_tables(check)]
+
+
+def finding_tables(check: CheckResult) -> dict[Severity, PageTable]:
+    """Return the tables of errors, warnings, and what is good to know, as far as there are any."""
     groups = sorted(finding_groups(check.findings), key=lambda group: USE_ORDER[group[0].forbids])
-    tables = [
-        finding_table(matching, title)
+    return {
+        severity: finding_table(matching, title)
         for severity, title in TITLES.items()
         if (matching := [group for group in groups if group[0].severity == severity])
-    ]
+    }
+
+
+def fact_tables(check: CheckResult) -> list[PageTable]:
+    """Return the tables of the facts on logs and robot file."""
+    tables: list[PageTable] = []
     if check.timings:
         tables.append(_time_table(check.timings))
     if check.excitations:

@@ -31,7 +31,7 @@ PALE = "rgba(128, 128, 128, 0.5)"
 TIME = "time, s"  # an axis
 MAX_START_LENGTHS = 100.0  # lengths of a log from which on its stamps are far from zero
 CLOCK_RANGE = 946_684_800.0, 4_102_444_800.0  # s: stamps from 2000 to 2100, counted from 1970
-MAX_PAGE_POINTS = 300_000  # of all curves of a page; a point takes 11 bytes there
+MAX_PAGE_POINTS = 200_000  # of all curves of a page; a point takes 11 bytes there
 AXIS = {"gridcolor": GRID, "zeroline": False, "linecolor": GRID, "showline": True, "automargin": True}
 PACKED_TYPES = ("f4", "f8", "i1", "i2", "i4")  # types of the arrays that plotly reads in base 64
 TEMPLATE = {
@@ -270,7 +270,7 @@ def plain(name: str) -> str:
 
 
 def points_per_curve(curves: int) -> int:
-    """Return the points for each of ``curves`` curves, at most 4000, so that a page of them stays near 3 MB."""
+    """Return the points for each of ``curves`` curves, at most 4000, so that those of a page take about 2 MB."""
     return int(np.clip(MAX_PAGE_POINTS // max(curves, 1), 100, 4000))
 
 

@@ -46,12 +46,12 @@ from dynident.runtime.text import (
     count,
     instant,
     number,
+    number_within,
     part_text,
     percent,
     rough,
     setting_text,
     settings_text,
     short,
-    shorten,
     vector,
 )

@@ -63,9 +63,12 @@ def count(number_of: int, noun: str) -> str:
     return f"{number_of} {noun}{'' if number_of == 1 else 's'}"
 
 
-def shorten(text: str, max_length: int | None) -> str:
-    """Return a text cut at a word within ``max_length`` characters."""
-    return text if max_length is None or len(text) <= max_length else f"{text[:max_length].rsplit(' ', 1)[0]} …"
+def number_within(value: float, std: float) -> str:
+    """Format a number up to the place of the second digit of its standard error: 0.00431 +- 0.026 is "0.004"."""
+    if not (value and math.isfinite(value) and 0 < std < math.inf):
+        return number(value)
+    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(std)) + 2
+    return number(value, digits) if digits > 0 else "0"
 
 
 def capitalise(text: str) -> str:

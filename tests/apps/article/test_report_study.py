@@ -5,7 +5,7 @@ import numpy as np
 import rich.console
 
 from dynident.apps.article import findings, study_page, study_tables, study_text
-from dynident.report.page import _plotly_source
+from dynident.report.page import plotly_packed
 from dynident.report.terminal import terminal_table
 from tests.report.conftest import TRUE, Case, Reproduction, cases
 
@@ -133,7 +133,7 @@ def test_a_method_exactly_at_the_bound_has_ratio_one():
 
 
 def test_page_stays_small(reproduction):
-    assert len(study_page(replace(reproduction, cases=tuple(cases(1000))))) - len(_plotly_source()) < 1_000_000
+    assert len(study_page(replace(reproduction, cases=tuple(cases(1000))))) - len(plotly_packed()) < 1_000_000
 
 
 def test_texts_are_escaped(reproduction):

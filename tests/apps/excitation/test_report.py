@@ -30,6 +30,7 @@ from dynident.apps.excitation.expected_report import (
 )
 from dynident.apps.excitation.limits import usual_arm
 from dynident.apps.excitation.report import (
+    arm_view,
     excitation_findings,
     excitation_page,
     limit_use_table,
@@ -198,7 +199,9 @@ def test_the_table_marks_what_is_open_or_has_no_value() -> None:
 
 def test_bodies_move_as_the_robot_does() -> None:
     project, found = designed()
-    figure = next(one.figure for one in scene_section(project, found).blocks if isinstance(one, Figure))
+    view = arm_view(project, found)
+    assert view is not None
+    figure = view.figure
     assert figure.motion is not None
     assert [one["name"] for one in figure.data[: len(figure.motion["moving"])]] == ["upper", "lower"]
     (replay,) = figure.motion["replays"]
@@ -239,6 +242,7 @@ def test_a_model_without_bodies_has_no_view() -> None:
     project, found = designed()
     project.__dict__["geometry"], kept = None, project.geometry
     section = scene_section(project, replace(found, space=EmptySpace(2)))
+    assert arm_view(project, found) is None
     project.__dict__["geometry"] = kept
     assert len(section.blocks) == 2
     assert not any(isinstance(one, Figure) for one in section.blocks)
@@ -264,6 +268,7 @@ def test_the_page_has_all_parts_and_escapes_names() -> None:
         '<a href="./motion.csv">motion.csv</a>',
         "dynident excite result/result.json -o next",
         'class="player"',
+        "Distances along the path",
         "smallest distance",
         "&lt;i&gt;table",
         "5000 times, 1 kHz and finer; the torque by the regressor",

@@ -26,7 +26,7 @@ from dynident.apps.fleets.figures import MAX_POINTS, MAX_SMALL_POINTS
 from dynident.apps.fleets.report import fleet_findings, fleet_heading, fleet_page, fleet_tables
 from dynident.models import Joint
 from dynident.regression import GroupKind
-from dynident.report.page import _plotly_source
+from dynident.report.page import plotly_packed
 from dynident.report.terminal import terminal_table
 from dynident.runtime.jobs import Status
 from tests.apps.article.test_report_study import text_of
@@ -215,7 +215,7 @@ def page(found):
 
 def own(page):
     """The page without plotly's script."""
-    return page.replace(_plotly_source(), "")
+    return page.replace(plotly_packed(), "")
 
 
 def test_what_changed_comes_first_the_worst_before_all(found):

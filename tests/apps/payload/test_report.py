@@ -90,8 +90,9 @@ def test_of_no_payload_the_mass_alone_is_written_and_shown(tmp_path: Path) -> No
     assert {len(row) for row in shares_table(none).rows} == {2}
     page = payload_page(none, result())
     assert "centre of mass" not in page.partition("</style>")[2]
-    assert payload_words(none) == "No payload is seen on arm_tool0: its mass is 0.1 ± 0.2 kg, so it is below 0.7 kg."
-    assert "No payload is seen" in page
+    assert payload_words(none) == "No payload is seen on arm_tool0: its mass is 0.10 ± 0.20 kg, so it is below 0.7 kg."
+    assert "<dt>on arm_tool0</dt><dd>no payload</dd>" in page
+    assert page.count("payload is seen") == 1
     data = payload_data(none, result().provenance, [])
     assert [data["seen"], data["payload"][0]["value"], data["payload"][1]["value"]] == [False, 0.1, None]
     with pytest.raises(ModelError, match="no payload is seen"):
@@ -121,7 +122,7 @@ def test_a_result_stands_alone() -> None:
 
 
 def test_the_tables_hold_the_payload() -> None:
-    assert payload_words(weighed()).startswith("arm_tool0 carries 3 ± ")
+    assert payload_words(weighed()).startswith("arm_tool0 carries 3.00000 ± 0.00030 kg")
     assert [row[0] for row in payload_table(weighed()).rows][:2] == ["mass", "centre of mass, x"]
     assert [row[0] for table in gains_table(weighed()) for row in table.rows] == ["j1", "j2", "j3", "j4", "j5", "j6"]
     assert [row[0] for table in torque_table(weighed()) for row in table.rows] == ["loaded"]
@@ -132,10 +133,10 @@ def test_the_tables_hold_the_payload() -> None:
 
 
 def test_the_page_holds_all_of_it_and_escapes_names() -> None:
-    evil = replace(weighed(), mount=replace(weighed().mount, frame="</script><b>"), notes=(notes.NoPayload(0.1, 0.2),))
+    evil = replace(weighed(), mount=replace(weighed().mount, frame="</script><b>"), notes=(notes.OtherArm(2.0),))
     page = payload_page(evil, result())
     assert "</script><b>" not in page
-    assert "no payload is seen: its mass is 0.1 ± 0.2 kg, so it is below 0.7 kg." in page
+    assert "<li>Payload, drift and gains leave 2 times what" in page
     assert "Gains of the drives" in page
     assert payload_page(replace(weighed(), logs=()), result()).count("Two results are compared") == 1
 

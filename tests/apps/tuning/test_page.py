@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.apps.tuning import Bench, readout
+from dynident.apps.tuning import Bench, layout, readout
 from dynident.apps.tuning import answers as module
 from dynident.apps.tuning.answers import Page
 from dynident.apps.tuning.app import make_app
+from dynident.apps.tuning.curve import DegreeCurve
 from dynident.apps.tuning.drawings import (
     MAX_COARSE_POINTS,
     MAX_POINTS,
@@ -52,6 +53,17 @@ def test_windows_are_grey_and_all_is_json(validated_arm: Bench) -> None:
     assert all(json.loads(figure.json())["data"] for figure in figures)
     names = figures[3].data[1]["text"]
     assert "torque" in ", ".join(names)
+
+
+def test_names_of_close_marks_stand_above_each_other() -> None:
+    marks = {"REML": (-1.7,), "GCV": (-0.7,), "S = n": (0.0,), "torque": (0.05,), "far": (3.9,)}
+    figure = curve_drawing(DegreeCurve(np.linspace(-2, 3, 6), np.ones(6), None, marks), 0.0, 0, alone=True)
+    labels = figure.layout["annotations"]
+    assert [(one["text"], one["yshift"]) for one in labels] == [
+        ("REML", 0), ("GCV", 14), ("S = n, torque", 28), ("far", 0),
+    ]  # fmt: skip
+    assert labels[-1]["x"] < 3.6, "it stays within the axis"
+    assert figure.layout["margin"]["t"] == 4 + 14 * 3
 
 
 pytest.importorskip("dash")
@@ -96,6 +108,54 @@ def test_acts_are_of_the_setting_that_they_are_sent_with(session: Session) -> No
     assert wrong["search"] == "?degree=[1,1,1]"
     assert "from -6 to 6" in wrong["words"]
     assert page.act({"search": "?degree=x", "control": "reset"}) == {"search": "", "words": ""}
+
+
+def test_the_torque_over_velocity_is_that_of_the_friction_and_a_kept_setting_lies_below(session: Session) -> None:
+    page = Page(session)
+    over_time, loop = page.torque({}, None, "")
+    assert [trace["name"] for trace in over_time["data"]] == ["measured", "predicted", "residual"]
+    assert [trace["name"] for trace in loop["data"]] == ["measured", "predicted"]
+    fit = page.bench.fit(page.bench.start)
+    loops = module._friction_loops([fit], "monday", 0)
+    velocity, torque = loops["measured"]
+    friction = 0.4 * (velocity + np.sign(velocity) + 1.0)
+    assert np.median(np.abs(torque - friction)) < 0.1, "viscous, Coulomb and offset; no body"
+    names = ["measured", "other setting", "predicted"]
+    last = {"kept": "?degree=[2,2,2]", "now": "", "before": None}
+    over_time, loop = page.torque(last, None, "")
+    assert [trace["name"] for trace in over_time["data"]] == [
+        "measured",
+        *2 * ["other setting"],
+        "predicted",
+        "residual",
+    ]
+    assert [trace["name"] for trace in loop["data"]] == names
+    kept, *_ = page.fit("?degree=[1,1,1]", last, "tab")
+    assert kept["kept"] == last["kept"], "a change keeps it"
+
+
+def test_any_other_column_is_drawn_beside(session: Session) -> None:
+    t = np.linspace(-1.0, 9.0, 11)
+    session.bench = replace(session.bench, read_others=lambda log: (t, {"temp": 20 + t} if log == "monday" else {}))
+    page = Page(session)
+    assert "temp" in words(page.sync("")[6])
+    said = page.act({"search": "", "control": "column", "value": "tmp"})
+    assert "monday: there is no other column 'tmp'; did you mean 'temp'?" in said["words"]
+    search = page.act({"search": "", "control": "column", "value": "temp"})["search"]
+    drawn = page.curves({"search": search})["motion"]
+    assert [trace["name"] for trace in drawn["data"]][-1] == "temp"
+    assert drawn["layout"]["yaxis5"]["title"]["text"] == "temp"
+    np.testing.assert_allclose(session.bench.other_column("monday", "temp", np.array([0.25])), 20.25)
+    tuesday = page.act({"search": search, "control": "log:tuesday"})["search"]
+    assert len(page.curves({"search": tuesday})["motion"]["data"]) == 5, "that log has none"
+    assert page.act({"search": search, "control": "column", "value": None})["search"] == ""
+
+
+def test_each_control_has_its_help_and_no_name_is_cut(session: Session) -> None:
+    shown = words(layout.tuning_page("arm.yaml", session.bench))
+    assert all(shown.count(f"Help: {title}") == 1 for title in layout.HELP)
+    name = readout._breakable("joint_of_a_very_long_arm")
+    assert "".join(part for part in name if isinstance(part, str)) == "joint_of_a_very_long_arm"
 
 
 def test_the_fit_is_shown_beside_that_of_the_last_setting(session: Session) -> None:
@@ -160,8 +220,8 @@ SENT = {
     "curves": ("search", "degree", "zoom", "fine", "tab", "at"),
     "act": ("search", "control", "value"),
 }
-CONTROLS = ("degree", "mark", "min_speed", "term", "fitted", "filter", "decimate", "cutoff", "estimator", "offset",
-            "exclude", "include", "reset", "joint", "log", "reach")  # fmt: skip
+CONTROLS = ("column", "degree", "mark", "min_speed", "term", "fitted", "filter", "decimate", "cutoff", "estimator",
+            "offset", "exclude", "include", "reset", "joint", "log", "reach")  # fmt: skip
 
 
 def test_whatever_is_posted_no_traceback_is_printed(validated_arm: Bench) -> None:

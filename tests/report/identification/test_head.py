@@ -9,7 +9,7 @@ import numpy as np
 
 from dynident.identification import SourceFile, judge
 from dynident.report.identification import identification_page
-from dynident.report.identification.report import head_numbers, worst_joint
+from dynident.report.identification.report import head_numbers, summary_lines, worst_joint
 from dynident.report.identification.validation import floor_ratio_text
 from dynident.validation import FloorOrigin, HighFrequency, NoiseFloor, residual_text
 from tests.report.conftest import identification_of
@@ -73,6 +73,20 @@ def test_what_is_above_the_floor_is_not_its_noise():
     found.validations[1].floors = {}
     assert residual_text(found.validations[1], "elbow").startswith("noise, ripple")
     assert floor_ratio_text(found.validations[1], "elbow") == "-"
+
+
+def test_every_error_after_the_low_pass_is_called_so_and_the_rms_stands_beside_that_as_measured():
+    found = identification_of()
+    for log in found.validations:
+        log.errors.relative_error_filtered, log.errors.per_joint_filtered = 2.0, {"shoulder": 1.0, "elbow": 3.0}
+        log.over_floor = None
+    error, worst, _ = head_numbers(found)
+    assert error[:2] == ("2.00 %", "torque error after the low-pass, held out")
+    assert error[2].startswith("training 2.00 %; as measured 5.10 %")
+    assert worst == ("3.00 %", "worst joint after the low-pass, held out", "elbow, as measured 4.50 %, rms 0.0200 N m")
+    *_, line = summary_lines(found)
+    assert line == "Worst joint: elbow, 4.50 % on reach.csv (3.00 % after the low-pass), rms 0.0200 N m"
+    assert "elbow on reach.csv, 4.50 % error as measured." in identification_page(found)
 
 
 def test_the_worst_joint_is_held_out_and_has_an_error():

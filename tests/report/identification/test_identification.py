@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import rich.console
-from plotly.offline import get_plotlyjs
 
 from dynident.checks import log_notes
 from dynident.estimators import Consistency, DataRank, Provenance
@@ -30,6 +29,7 @@ from dynident.report.identification import (
     identification_tables,
     result_words,
 )
+from dynident.report.page import plotly_packed
 from dynident.report.terminal import terminal_table
 from dynident.report.words import Line
 from dynident.runtime import Finding, Remark, Severity
@@ -38,7 +38,7 @@ from tests.report.test_page import EVIL, Outline
 
 
 def body(identification):
-    return identification_page(identification).replace(get_plotlyjs(), "")
+    return identification_page(identification).replace(plotly_packed(), "")
 
 
 def test_words_of_a_result(identification):

@@ -31,7 +31,7 @@ def test_links_have_the_colour_of_what_determined_them() -> None:
     assert links[2]["hovertext"].startswith("&lt;b&gt;hand<br>mass 0.")
     assert links[0]["hovertext"].endswith("<br>by the data 2, the prior 1")
     words = [one["name"] for one in drawn if one.get("legendrank") == 1]
-    assert words == ["by the data", "by the prior"]
+    assert words == ["well determined", "by the file or prior"]
 
 
 def test_it_moves_along_all_recordings_those_held_out_first() -> None:
@@ -61,6 +61,8 @@ def test_a_small_view_follows_without_a_player() -> None:
     small = robot_view(identified())
     assert not small.player
     assert small.figure.layout["height"] == 250
+    assert [one["name"] for one in small.figure.data if one.get("legendrank") == 1][1:] == ["by combination"]
+    assert "by combination (the data fix sums with other links)." in small.caption
     scene = small.figure.layout["scene"]
     assert not scene["xaxis"]["visible"]
     links = [one for one in small.figure.data if one.get("hovertext")]

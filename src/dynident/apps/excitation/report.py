@@ -46,6 +46,7 @@ from dynident.report import (
 from dynident.report.identification.parameters import missing_mesh_notes
 from dynident.report.page import (
     UNIT,
+    Beside,
     Column,
     Facts,
     Figure,
@@ -76,9 +77,10 @@ _SHAPE_WORDS = {
     ShapeSource.JOINTS: "the lines between their joints, as their shapes are not known: look whether they are as thick",
 }
 _VIEW_NOTE = (
-    "Drag to turn the view; Play moves the arm along the motion as fast as it will move, Turn goes around it. The "
-    "bodies are drawn with few triangles; distances are between the capsules around them."
+    "The motion, with the path of the last body, in the frame of the root link (m). Play moves the arm as fast as it "
+    "will move. Distances are between the capsules around the bodies."
 )
+VIEW_HEIGHT = 430  # px
 
 DRAWING_RATE, MAX_DRAWN_SAMPLES = 250.0, 20_000  # Hz and samples of what is drawn
 CURVE_POINTS = 1500  # of a curve
@@ -111,22 +113,25 @@ PROGRAMS = {
 
 
 def scene_section(project: ExcitationProject, design: Design) -> PageSection:
-    """Return the section of the arm: the view, the distances over time, the closest pairs, the shapes of the links."""
-    return PageSection("The arm along its path", (*_view_blocks(project, design), *_distance_blocks(project, design)))
+    """Return the section of what the arm keeps clear of: distances over time, the closest pairs, the links' shapes."""
+    is_known = project.geometry is not None and isinstance(design.space, CapsuleSpace)
+    remark = "The model is not made of a robot file, so that its bodies can neither be drawn nor be kept clear."
+    return PageSection(
+        "Distances along the path", (*(() if is_known else (remark,)), *_distance_blocks(project, design))
+    )
 
 
-def _view_blocks(project: ExcitationProject, design: Design) -> Iterator[PageBlock]:
-    """Yield the arm in three dimensions, where its bodies are known."""
+def arm_view(project: ExcitationProject, design: Design) -> Figure | None:
+    """Return the arm in three dimensions along the motion, None where its bodies are not known."""
     space, geometry = design.space, project.geometry
     if geometry is None or not isinstance(space, CapsuleSpace):
-        yield "The model is not made of a robot file, so that its bodies can neither be drawn nor be kept clear."
-        return
+        return None
     bodies, stop = geometry.bodies, design.trajectory.duration
     q = design.trajectory.states(np.linspace(0.0, stop, FRAMES))[0]
     shapes = outlines(geometry, space.capsules)
     arm = sorted((shape for shape in shapes if shape.body >= 0), key=lambda shape: shape.body)
     if not arm:
-        return
+        return None
     moving = [
         surface(shape, ", ".join(bodies.arm.bodies[shape.body].links), METAL[place % 2])
         for place, shape in enumerate(arm)
@@ -142,8 +147,9 @@ def _view_blocks(project: ExcitationProject, design: Design) -> Iterator[PageBlo
         path_trace(path),
     ]
     figure = scene_figure(bodies, [Replay("", 0.0, stop, q)], moving, still)
-    yield _VIEW_NOTE
-    yield Figure(figure, "The motion, with the path of the last body, in the frame of the root link (m).")
+    figure.layout["height"] = VIEW_HEIGHT
+    figure.layout["scene"]["camera"]["eye"] = {"x": 1.3, "y": 1.09, "z": 0.65}  # a narrow view from farther away
+    return Figure(figure, _VIEW_NOTE)
 
 
 @singledispatch
@@ -208,6 +214,11 @@ def _shape_sentences(geometry: Geometry) -> Iterator[str]:
 
 def excitation_findings(project: ExcitationProject, design: Design) -> list[str]:
     """Return plain sentences: what the motion will tell, what stays open, what was assumed, and the notes."""
+    return [*expected_findings(design), *noise_words(project), *room_findings(project, design)]
+
+
+def room_findings(project: ExcitationProject, design: Design) -> list[str]:
+    """Return what to look at before the arm moves: what was assumed of its room, shapes and limits, and the notes."""
     notes = (str(note) for note in design.notes if not isinstance(note, UnexcitedParameters))  # a table has these
     around = (
         *((str(project.gripper),) if project.gripper else ()),
@@ -215,15 +226,17 @@ def excitation_findings(project: ExcitationProject, design: Design) -> list[str]
         *shape_words(project),
         *floor_words(project, design),
     )
-    return [*expected_findings(design), *around, *noise_words(project), *limit_words(design), *notes]
+    return [*around, *limit_words(design), *notes]
 
 
 def excitation_page(project: ExcitationProject, design: Design, files: Sequence[tuple[str, str]] = ()) -> str:
     """Return the design as one HTML page; ``files`` are the names of what was written, each with its use."""
     first_step = _SLOWLY if any(name.startswith(f"{TRIAL}.") for name, _ in files) else NO_TRIAL
     steps = _file_table(files), (first_step, *_STEPS)
+    findings, view = tuple(excitation_findings(project, design)), arm_view(project, design)
+    told = findings if view is None else Beside((view,), (findings,), "left")
     sections = [
-        PageSection("What it will tell", (_design_facts(design), tuple(excitation_findings(project, design)))),
+        PageSection("What it will tell", (_design_facts(design), told)),
         *([PageSection("What to do with it", steps)] if files else []),
         scene_section(project, design),
         PageSection("Motion and torque", (limit_use_table(design), _gallery(design))),

@@ -12,7 +12,7 @@ from dynident.estimators import BodyConstraint, Constraints
 from dynident.estimators.cone import minimise
 from dynident.models import INERTIAL, Model, RigidBodies, change_frame, to_physical
 from dynident.models.robot_files import ArmBody
-from dynident.runtime import ModelError, Note, Noun, Severity, choices, percent, short
+from dynident.runtime import ModelError, Note, Noun, Severity, choices, number, number_within, percent, short
 
 Array = NDArray[np.float64]
 TYPICAL_LENGTH, MIN_MASS = 0.1, 0.05  # m, kg: the size of a payload, for the scale of its pseudo-inertia
@@ -353,4 +353,5 @@ class SameRecording(Note):
 
 def mass_bound(mass: float, std: float) -> str:
     """Return a mass (kg) with its standard error (kg), and what it is below, in words."""
-    return f"its mass is {short(mass, 2)} ± {short(std, 2)} kg, so it is below {short(max(mass, 0.0) + 3 * std, 2)} kg"
+    bound = short(max(mass, 0.0) + 3 * std, 2)
+    return f"its mass is {number_within(mass, std)} ± {number(std, 2)} kg, so it is below {bound} kg"

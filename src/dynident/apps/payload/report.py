@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.apps.payload.body import Component, mass_bound
+from dynident.apps.payload.body import Component, NoPayload, mass_bound
 from dynident.apps.payload.estimate import ErrorSource
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, INK, RED, VIOLET, panels, trace
 from dynident.report.page import UNIT, Column, Facts, Figure, PageBlock, PageSection, PageTable, pair_table, render
-from dynident.runtime import number, short
+from dynident.runtime import capitalise, number, number_within
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -58,17 +58,18 @@ def payload_words(payload: Payload) -> str:
     body, (x, y, z) = payload.body, 1e3 * payload.body.centre
     dx, dy, dz = 1e3 * body.std[1:4]
     verb = "carried" if payload.request.removed else "carries"
+    mass = f"{number_within(body.mass, body.std[0])} ± {number(body.std[0], 2)} kg"
     return (
-        f"{payload.mount.frame} {verb} {short(body.mass, 4)} ± {short(body.std[0], 2)} kg; centre of mass at "
+        f"{payload.mount.frame} {verb} {mass}; centre of mass at "
         f"({x:.1f} ± {dx:.1f}, {y:.1f} ± {dy:.1f}, {z:.1f} ± {dz:.1f}) mm in its frame."
     )
 
 
 def payload_table(payload: Payload) -> PageTable:
-    """Return the ten components with their standard errors, or the mass alone where no payload is seen."""
+    """Return the ten components to the digits of their standard errors, or the mass alone where none is seen."""
     body, components = payload.body, list(Component) if payload.is_significant else [Component.MASS]
     rows = tuple(
-        (name.meaning, number(float(value)), number(float(std), 2), name.unit)
+        (name.meaning, number_within(float(value), float(std)), number(float(std), 2), name.unit)
         for name, value, std in zip(components, body.values, body.std, strict=False)
     )
     columns = (Column("payload", numeric=False), Column("value"), Column("std"), UNIT)
@@ -114,13 +115,16 @@ def gains_table(payload: Payload, always: bool = False) -> Iterator[PageTable]:
 def payload_page(payload: Payload, arm: Identification) -> str:
     """Return a payload as one HTML page."""
     body = payload.body
-    facts = [(f"{number(body.mass)} kg", f"mass, ± {number(float(body.std[0]), 2)} kg")]
+    mass, std = number_within(body.mass, float(body.std[0])), number(float(body.std[0]), 2)
+    facts: list[tuple[str, ...]] = [("no payload", f"on {payload.mount.frame}", f"its mass is {mass} ± {std} kg")]
     if payload.is_significant:
-        facts += [
-            (f"{number(1e3 * float(np.linalg.norm(body.centre)))} mm", f"centre of mass from {payload.mount.frame}"),
-            (f"{number(1e3 * float(body.std[1:4].max()), 2)} mm", "largest standard error of the centre"),
+        distance, error = 1e3 * float(np.linalg.norm(body.centre)), 1e3 * float(body.std[1:4].max())
+        facts = [
+            (f"{mass} kg", f"mass, ± {std} kg"),
+            (f"{number_within(distance, error)} mm", f"centre of mass from {payload.mount.frame}"),
+            (f"{number(error, 2)} mm", "largest standard error of the centre"),
         ]
-    notes = tuple(f"{note}." for note in payload.notes)
+    notes = tuple(f"{capitalise(str(note))}." for note in payload.notes if not isinstance(note, NoPayload))
     error_blocks: list[PageBlock] = [shares_table(payload)]
     if payload.is_significant:
         drawing = payload_figure(payload, {source.value: source.words for source in ErrorSource})

@@ -254,18 +254,17 @@ def _choice_blocks(ranking: Ranking) -> Iterator[PageBlock]:
     best, choice, configured = ranking.best, ranking.choice, ranking.configured_entry
     facts: list[tuple[str, ...]] = []
     if choice is not None:
-        facts.append((percent(choice.error), "torque error of the one to take", with_words(choice.combination)))
+        words = f"{with_words(choice.combination)}; torque error {percent(choice.overall)}"
+        facts.append((percent(choice.error), "mean joint error of the one to take", words))
     if best is not None and best is not choice:
-        facts.append((percent(best.error), "least torque error", with_words(best.combination)))
+        facts.append((percent(best.error), "least mean joint error", with_words(best.combination)))
     if (
         configured is not None
         and configured is not choice
         and configured is not best
         and math.isfinite(configured.error)
     ):
-        facts.append(
-            (percent(configured.error), "error of the configuration's own", with_words(configured.combination))
-        )
+        facts.append((percent(configured.error), "mean joint error of yours", with_words(configured.combination)))
     if ranking.has_enough_blocks:
         facts.append(
             (str(len(ranking.within_chance)), "within chance of the best", f"of {len(ranking.standings)} with an error")

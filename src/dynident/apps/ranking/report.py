@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dynident.apps.ranking.ranking import RankedCombination, Ranking
     from dynident.runtime import Finding
 
-MAX_TERMINAL_ROWS = 10  # rows of a ranking in a terminal
+MAX_ROWS = 4  # rows of a ranking in a terminal
 MAX_NAMED = 4  # combinations that a sentence names
 MIN_SHOWN_RATIO = 1e-4  # share of an error that is shown as zero
 # % of the samples of a log in common, below which the smoother that leaves out most is looked for
@@ -243,9 +243,9 @@ def _gap_lines(ranking: Ranking) -> Iterator[str]:
         yield f"Does not apply: {join_names(names)}: {reason}"
 
 
-def ranking_tables(ranking: Ranking) -> Iterator[PageTable]:
-    """Yield the first rows for a terminal, and the row of the configuration."""
-    top = ranking.standings[:MAX_TERMINAL_ROWS]
+def ranking_tables(ranking: Ranking, max_rows: int = MAX_ROWS) -> Iterator[PageTable]:
+    """Yield a table of at most so many rows for a terminal, and the row of the configuration."""
+    top = ranking.standings[:max_rows]
     configured = ranking.configured_entry
     extra = [configured] if configured is not None and configured not in top and math.isfinite(configured.error) else []
     if top:

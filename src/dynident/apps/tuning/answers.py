@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from dash import ctx, html, no_update
 from dash.exceptions import PreventUpdate
 
 from dynident.apps.tuning import readout
-from dynident.apps.tuning.drawings import Zoom, curve_drawing, motion_drawing, residual_drawing, torque_drawing
+from dynident.apps.tuning.drawings import (
+    OTHER_SETTING,
+    Zoom,
+    curve_drawing,
+    loop_drawing,
+    motion_drawing,
+    residual_drawing,
+    torque_drawing,
+)
 from dynident.apps.tuning.edit import apply_control, degree_words, setting_changes
 from dynident.apps.tuning.readout import parameter_table
 from dynident.apps.tuning.session import Stale, tuned_paths
@@ -22,9 +30,10 @@ from dynident.runtime import DynidentError, number
 if TYPE_CHECKING:
     from dynident.apps.tuning.bench import Bench
     from dynident.apps.tuning.curve import SmoothedJoint
+    from dynident.apps.tuning.quick_fit import QuickFit
     from dynident.apps.tuning.session import Session
     from dynident.apps.tuning.tuning import Tuning
-    from dynident.report import Drawing
+    from dynident.report import Array, Drawing
 
 
 class Page:
@@ -54,7 +63,7 @@ class Page:
         try:
             view = View.of_query(search or "", self.bench)
         except DynidentError as error:
-            return (*[no_update] * 7, str(error))
+            return (*[no_update] * 8, str(error))
         bench, tuning = self.bench, view.tuning
         return (
             _control_values(view, bench),
@@ -63,9 +72,17 @@ class Page:
             f"{view.joint}, {view.log}",
             f"Torque of {view.joint}",
             readout.unsaved_settings(setting_changes(bench.start, tuning, bench.joints)),
+            [html.Option(value=name) for name in self._other_columns(view.log)],
             "",
             "",
         )
+
+    def _other_columns(self, log: str) -> tuple[str, ...]:
+        """Return the columns of a recording that are not used; none where it cannot be read any longer."""
+        try:
+            return self.bench.other_columns(log)
+        except DynidentError:
+            return ()
 
     def save(self, save: int | None, search: str, tab: str) -> tuple[str, str]:  # noqa: ARG002
         """Write the setting into a new file, and return its name, or what is wrong."""
@@ -89,10 +106,14 @@ class Page:
             if request.get("degree") is not None:
                 tuning = tuning.with_degree(float(request["degree"]), joint if view.alone else None)
             smoothed = bench.smooth(tuning, view.log, view.joint)
+            beside = None
+            if view.column in self._other_columns(view.log):
+                beside = view.column, bench.other_column(view.log, view.column, smoothed.t)
         except DynidentError as error:
             return {"words": str(error), "wrong": True}
         unit, fine = bench.switches.model.joints[joint].unit, bool(request.get("fine"))
-        motion = motion_drawing(smoothed, unit, tuning.windows(view.log), _zoom_window(request), fine=fine)
+        windows, zoom = tuning.windows(view.log), _zoom_window(request)
+        motion = motion_drawing(smoothed, unit, windows, zoom, fine=fine, beside=beside)
         reply = {
             "motion": drawing_data(motion),
             "words": _smoothing_words(smoothed, unit),
@@ -114,7 +135,7 @@ class Page:
             return (*[no_update] * 4, str(error))
         before = self._setting_before(view.tuning, last)
         last_fit = None if before is None else bench.fit(before)
-        history = last if last.get("now") == search else {"now": search, "before": last.get("now")}
+        history = last if last.get("now") == search else {**last, "now": search, "before": last.get("now")}
         return (
             history,
             readout.numbers(fit, last_fit),
@@ -124,9 +145,9 @@ class Page:
         )
 
     def _setting_before(self, tuning: Tuning, last: Mapping[str, Any]) -> Tuning | None:
-        """Return the setting before this one; None where there was none."""
+        """Return the setting to compare with: the one that was kept, else that before; None where there is none."""
         # after a reload the newest address may be the current one: then the one before it counts
-        for key in ("now", "before"):
+        for key in ("kept", "now", "before"):
             if last.get(key) is None:
                 continue
             try:
@@ -137,17 +158,22 @@ class Page:
                 return before
         return None
 
-    def torque(self, fit_state: Any, zoomed: Any, search: str) -> Any:  # noqa: ARG002
-        """Return the torque of the joint and the log that are drawn."""
+    def torque(self, last: Mapping[str, Any] | None, zoomed: Any, search: str) -> Any:
+        """Return the torque of the joint and the log that are drawn, over time and over velocity, with that of the
+        setting to compare with."""
         bench = self.bench
         try:
             view = View.of_query(search or "", bench)
-            log = bench.fit(view.tuning).logs[view.log]
+            before = self._setting_before(view.tuning, last or {})
+            fits = [bench.fit(tuning) for tuning in (view.tuning, before) if tuning is not None]
         except DynidentError:
             raise PreventUpdate from None
-        joint = bench.joints.index(view.joint)
-        unit = bench.switches.model.joints[joint].effort
-        return drawing_data(torque_drawing(log, joint, unit, view.tuning.windows(view.log), _zoom_window(zoomed or {})))
+        joint, windows = bench.joints.index(view.joint), view.tuning.windows(view.log)
+        unit, speed_unit = bench.switches.model.joints[joint].effort, f"{bench.switches.model.joints[joint].unit}/s"
+        log, *others = (fit.logs[view.log] for fit in fits)
+        over_time = torque_drawing(log, joint, unit, windows, _zoom_window(zoomed or {}), *others)
+        over_velocity = loop_drawing(_friction_loops(fits, view.log, joint), unit, speed_unit)
+        return drawing_data(over_time), drawing_data(over_velocity)
 
     def curve(self, rested: Mapping[str, Any], tab: str) -> Any:
         """Return the curve of the cross-validated error, and its marks, once the user pauses."""
@@ -196,6 +222,17 @@ class Page:
             raise PreventUpdate from None
 
 
+def _friction_loops(fits: Sequence[QuickFit], name: str, joint: int) -> dict[str, tuple[Array, Array]]:
+    """Return velocities and torques without those of the bodies: measured, predicted, and by another setting."""
+    loops: dict[str, tuple[Array, Array]] = {}
+    for fit, title in zip(fits, ("predicted", OTHER_SETTING), strict=False):
+        log = fit.logs[name]
+        mask, inertial = log.motion.mask, fit.inertial_torque[name][:, joint]
+        for key, torque in (("measured", log.motion.tau), (title, log.predicted)):
+            loops.setdefault(key, (log.motion.dq[mask, joint], (torque[:, joint] - inertial)[mask]))
+    return {key: loops[key] for key in ("measured", OTHER_SETTING, "predicted") if key in loops}  # the last on top
+
+
 def drawing_data(drawing: Drawing) -> dict[str, Any]:
     """Return a figure as the plain data that a store holds."""
     figure: dict[str, Any] = json.loads(drawing.json())
@@ -217,6 +254,7 @@ def _control_values(view: View, bench: Bench) -> dict[str, Any]:
         "decimate": None if parallel_filter is None else parallel_filter.decimate,
         "cutoff": None if parallel_filter is None else parallel_filter.cutoff,
         "offset": round(1e3 * tuning.time_offset, 6),
+        "column": view.column,
     }
     return {"controls": numbers, "pressed": sorted(pressed), "degree": tuning.degree[joint]}
 

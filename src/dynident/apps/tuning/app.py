@@ -99,7 +99,7 @@ def _register_server_callbacks(app: Dash, page: Page) -> None:
     address, tab, initial_call = Input("address", "search"), State("tab", "data"), {"prevent_initial_call": False}
     # two callbacks write these outputs, which Dash must be told
     saved, complaint = (Output(name, "children", allow_duplicate=True) for name in ("saved", "complaint"))
-    shown = [Output(name, "children") for name in ("windows", "drawn-name", "torque-name", "unsaved")]
+    shown = [Output(name, "children") for name in ("windows", "drawn-name", "torque-name", "unsaved", "columns")]
     app.callback(
         [Output("synced", "data"), Output("filtering", "hidden"), *shown, saved, complaint],
         address,
@@ -108,9 +108,8 @@ def _register_server_callbacks(app: Dash, page: Page) -> None:
     app.callback([saved, complaint], Input("save", "n_clicks"), State("address", "search"), tab)(page.save)
     shown = [Output(name, "children") for name in ("numbers", "errors", "parameters", "fit-complaint")]
     app.callback([Output("last", "data"), *shown], address, State("last", "data"), tab, **initial_call)(page.fit)
-    app.callback(
-        Output("torque-data", "data"), Input("last", "data"), Input("zoomed", "data"), State("address", "search")
-    )(page.torque)
+    drawn = [Output(name, "data") for name in ("torque-data", "loop-data")]
+    app.callback(drawn, Input("last", "data"), Input("zoomed", "data"), State("address", "search"))(page.torque)
     app.callback([Output("curve-data", "data"), Output("marks", "children")], Input("rested", "data"), tab)(page.curve)
     app.callback(
         [
@@ -134,6 +133,9 @@ def _register_page_callbacks(app: Dash) -> None:
     by("moved", Output("moved", "data"), *slider_inputs, **initial_call)
     by("curve", Output("curve", "figure"), Input("curve-data", "data"))
     by("torque", Output("torque", "figure"), Input("torque-data", "data"))
+    by("loop", Output("loop", "figure"), Input("loop-data", "data"))
+    kept = [Output("last", "data", allow_duplicate=True), Output("keep", "aria-pressed")]
+    by("kept", kept, Input("keep", "n_clicks"), State("last", "data"))
     control_inputs = Input({"control": ALL}, "value"), Input({"button": ALL}, "n_clicks"), Input("leave", "n_clicks")
     by("told", Output("told", "data"), *control_inputs, State("from", "value"), State("to", "value"))
     by("applied", Output("synced", "modified_timestamp"), Input("synced", "data"))

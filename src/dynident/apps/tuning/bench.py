@@ -29,6 +29,7 @@ from dynident.runtime.cache import Cache
 
 Array = NDArray[np.float64]
 Logs = Mapping[str, Mapping[str, Log]]
+Columns = tuple[Array, Mapping[str, Array]]  # stamps (N, s), and columns (N) by name
 T = TypeVar("T")
 MAX_CACHED_VALUES = 4e6  # samples times joints of all results that are kept together: about a gigabyte
 
@@ -38,7 +39,8 @@ class Bench:
     """Logs, a model and a first identification: everything that can be asked of a ``Tuning``.
 
     ``logs`` are by role ("train", "validation") and name, without exclusions; ``identification`` is the first one, and
-    ``start`` its tuning; ``multi_turn`` are joints that may make any number of turns. All methods may be called from
+    ``start`` its tuning; ``multi_turn`` are joints that may make any number of turns; ``read_others`` reads the columns
+    of a log's recording that are not used. All methods may be called from
     several threads at once, and keep their last results. They raise ConfigError, InputError and ModelError for a
     tuning that cannot be used.
     """
@@ -49,6 +51,7 @@ class Bench:
     start: Tuning
     estimators_by_kind: Mapping[str, Estimator]
     multi_turn: frozenset[str] = frozenset()
+    read_others: Callable[[str], Columns] = lambda _: (np.zeros(0), {})
     _caches: Mapping[str, Cache[Any]] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -56,7 +59,7 @@ class Bench:
         values = sum(log.q.size for by_name in self.logs.values() for log in by_name.values())
         size = int(np.clip(MAX_CACHED_VALUES / max(values, 1), 2, 12))  # of long logs less is kept
         sizes = dict.fromkeys(("log", "motion", "fit", "identification"), size)
-        sizes |= {"joint": 5 * size, "curve": 64, "mark": 8}
+        sizes |= {"joint": 5 * size, "curve": 64, "mark": 8, "columns": 2}
         object.__setattr__(self, "_caches", {name: Cache(count) for name, count in sizes.items()})
 
     def _keep(self, cache: str, key: Hashable, compute: Callable[[], T]) -> T:
@@ -183,6 +186,17 @@ class Bench:
         else:
             motion = self._motions(tuning, 0.0)[role][log]
         return smoothed_joint(logs.trimmed[role][log], repaired, motion, joint, noise)
+
+    def other_columns(self, log: str) -> tuple[str, ...]:
+        """Return the names of the columns of a log's recording that are not used."""
+        return tuple(self._keep("columns", log, lambda: self.read_others(log))[1])
+
+    def other_column(self, log: str, name: str, t: Array) -> Array:
+        """Return such a column at times t (N, s) of the log; ConfigError where there is none of that name."""
+        stamps, columns = self._keep("columns", log, lambda: self.read_others(log))
+        if name not in columns:
+            raise ConfigError(f"{log}: there is no other column {name!r}; {choices(name, list(columns))}")
+        return np.interp(t, stamps, columns[name])
 
     def fit(self, tuning: Tuning) -> QuickFit:
         """Return the quick fit: that of ``identify`` without the correction of the bias by errors of the motion."""

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from dynident.apps.tuning.bench import Bench
+from dynident.apps.tuning.bench import Bench, Columns
 from dynident.apps.tuning.tuning import Tuning
 from dynident.motion.log import Log
 from dynident.project.explicit_config import fixed_settings, settings_text
-from dynident.project.logs import recording_of, turning_joints
+from dynident.project.logs import read_recording, recording_of, turning_joints
 from dynident.project.project import Project
 from dynident.project.settings import RobotSettings
+from dynident.project.signals import column_names, signals
 from dynident.runtime import ConfigError
 from dynident.runtime.families import ESTIMATORS
 
@@ -34,7 +35,23 @@ def bench_of(project: Project) -> Bench:
     kind = kind if kind in ESTIMATORS.kinds() else ""  # a class of the user goes by its name
     switchable = isinstance(project.config.model, RobotSettings)
     bench = Bench.of(project.model, logs, identification, switchable=switchable, estimator=kind)
-    return replace(bench, multi_turn=turning_joints(project.config))
+    return replace(
+        bench, multi_turn=turning_joints(project.config), read_others=lambda log: _other_columns(project, log)
+    )
+
+
+def _other_columns(project: Project, log: str) -> Columns:
+    """Return the stamps (N, s) and the columns (N) that the configuration does not use, of the recording of a log."""
+    config = project.config
+    spec = recording_of(log, (*config.train, *config.validation))
+    if spec is None:
+        return np.zeros(0), {}
+    recorded, used = (
+        signals(read_recording(spec), config, project.model.joints, measured=True),
+        column_names(config, spec),
+    )
+    columns = recorded.table.columns.items()
+    return recorded.t, {name: x for name, x in columns if name not in used and len(x) == len(recorded.t)}
 
 
 def tuned_text(project: Project, bench: Bench, tuning: Tuning, path: Path) -> str:

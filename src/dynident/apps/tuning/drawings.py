@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.report import Array, Drawing, thin
 from dynident.report.figures import (
@@ -17,13 +16,16 @@ from dynident.report.figures import (
     PALE,
     RED,
     TIME,
+    VIOLET,
     Trace,
     curve,
     panels,
+    plain,
     time_origin,
     trace,
     with_gaps,
 )
+from dynident.runtime import shorten_names
 
 if TYPE_CHECKING:
     from dynident.apps.tuning.curve import DegreeCurve, SmoothedJoint
@@ -34,15 +36,21 @@ Curve = tuple[int, str, Array, str, float]  # row, name, values, colour, width
 # of a curve: where it is seen, while a slider moves, on either side
 MAX_POINTS, MAX_COARSE_POINTS, MAX_HIDDEN_POINTS = 1400, 600, 120
 SLIDER_RANGE = -3.0, 4.0  # log S/n, from one end of the slider to the other
-MARK_MERGE_DISTANCE, MARK_LABEL_DISTANCE = 0.12, 1.0  # of log S/n: marks that are one, and whose names would meet
+MARK_MERGE_DISTANCE = 0.12  # of log S/n: marks that are one
+LETTER_WIDTH, NAME_PADDING = 0.25, 0.4  # of log S/n, on the narrowest page: of a letter of a name, and beside it
 LEFT_OUT_COLOUR = "rgba(128, 128, 128, 0.18)"
+OTHER_SETTING = "other setting"
+LOOP_COLOURS = {2: (PALE, RED), 3: (PALE, AMBER, RED)}
+MAX_TITLE_LENGTH = 16  # letters of the name of a column beside its axis
 MARGIN = {"l": 72, "r": 8, "t": 8, "b": 40}
 
 
 def motion_drawing(
-    smoothed: SmoothedJoint, unit: str, left_out: Sequence[tuple[float, float]], zoom: Zoom = None, *, fine: bool = True
-) -> Drawing:
-    """Draw a joint's measured and smoothed position, their difference, velocity and acceleration over time.
+    smoothed: SmoothedJoint, unit: str, left_out: Sequence[tuple[float, float]], zoom: Zoom = None, *,
+    fine: bool = True, beside: tuple[str, Array] | None = None,
+) -> Drawing:  # fmt: skip
+    """Draw a joint's measured and smoothed position, their difference, velocity and acceleration over time, and what
+    stands ``beside``: another column of the recording, its name and values (N).
 
     Windows that are ``left_out`` (s) are grey, and curves have gaps at samples outside the mask; curves that
     are not ``fine`` have fewer points.
@@ -55,7 +63,13 @@ def motion_drawing(
         (3, "velocity", with_gaps(smoothed.dq, smoothed.mask), GREEN, 1.3),
         (4, "acceleration", with_gaps(smoothed.ddq, smoothed.mask), RED, 1.3),
     ]
-    figure = panels(titles, 640, heights=[0.28, 0.2, 0.24, 0.28])
+    heights = [0.28, 0.2, 0.24, 0.28]
+    if beside is not None:
+        name, values = beside
+        titles.append(plain(shorten_names([name], MAX_TITLE_LENGTH)[0]))
+        curves.append((5, plain(name), values, VIOLET, 1.2))
+        heights.append(0.26)
+    figure = panels(titles, 640 if beside is None else 790, heights=heights)
     points = MAX_POINTS if fine else MAX_COARSE_POINTS
     of = f"{smoothed.log}/{smoothed.joint}"
     _draw_over_time(figure, smoothed.t, curves, left_out, zoom, points, of)
@@ -64,9 +78,13 @@ def motion_drawing(
 
 
 def torque_drawing(
-    log: LogPrediction, joint: int, unit: str, left_out: Sequence[tuple[float, float]], zoom: Zoom = None
-) -> Drawing:
-    """Draw a joint's measured and predicted torque over time, and their difference below."""
+    log: LogPrediction, joint: int, unit: str, left_out: Sequence[tuple[float, float]], zoom: Zoom = None,
+    other: LogPrediction | None = None,
+) -> Drawing:  # fmt: skip
+    """Draw a joint's measured and predicted torque over time, and their difference below.
+
+    What an ``other`` setting predicts of the same samples lies below both.
+    """
     motion = log.motion
     measured, predicted = motion.tau[:, joint], with_gaps(log.predicted[:, joint], motion.mask)
     titles = [f"{'force' if unit == 'N' else 'torque'}, {unit}", f"residual, {unit}"]
@@ -75,8 +93,24 @@ def torque_drawing(
         (1, "predicted", predicted, RED, 1.1),
         (2, "residual", measured - predicted, INK, 0.8),
     ]
+    if other is not None and len(other.predicted) == len(measured):
+        before = with_gaps(other.predicted[:, joint], other.motion.mask)
+        curves[1:1] = [(1, OTHER_SETTING, before, AMBER, 1.6), (2, OTHER_SETTING, measured - before, AMBER, 1.2)]
     figure = panels(titles, 300, heights=[0.66, 0.34])
     return _draw_over_time(figure, motion.t, curves, left_out, zoom, MAX_POINTS, f"{log.name}/{joint}")
+
+
+def loop_drawing(loops: Mapping[str, tuple[Array, Array]], unit: str, speed_unit: str) -> Drawing:
+    """Draw torques (N) over velocities (N) by name, without the torque of the bodies: the loop of the friction."""
+    figure = panels([f"{'force' if unit == 'N' else 'torque'}, {unit}"], 260, shared=False)
+    for (name, (velocity, torque)), colour in zip(loops.items(), LOOP_COLOURS[len(loops)], strict=True):
+        step = -(-len(velocity) // MAX_POINTS)
+        x, y = (values[::step].astype(np.float32) for values in (velocity, torque))
+        figure.add(trace("scatter", x=x, y=y, name=name, mode="markers", marker={"color": colour, "size": 3}))
+    figure.axes("x", title=f"velocity, {speed_unit}", automargin=False)
+    figure.axes("y", exponentformat="power", nticks=6, automargin=False)
+    figure.layout.update(margin={**MARGIN, "t": 30}, hovermode="closest", font={"size": 12}, showlegend=True)
+    return figure
 
 
 def residual_drawing(smoothed: SmoothedJoint, unit: str) -> Drawing:
@@ -110,23 +144,15 @@ def curve_drawing(degree_curve: DegreeCurve, at: float, joint: int, alone: bool)
     figure.add(_plain_line(degree_curve.degrees, degree_curve.errors, "cross-validated error", BLUE, 2.0))
     marks = _marks(degree_curve, joint, alone)
     x = np.array([degree for degree, _ in marks])
-    y = np.interp(x, degree_curve.degrees, degree_curve.errors)
-    figure.add(
-        trace(
-            "scatter",
-            x=x,
-            y=y,
-            text=[name for _, name in marks],
-            mode="markers+text",
-            textposition=_sides(x, np.interp(x + MARK_MERGE_DISTANCE, degree_curve.degrees, degree_curve.errors) > y),
-            textfont={"size": 11},
-            cliponaxis=False,
-            name="choices",
-            marker={"color": AMBER, "size": 8, "symbol": "diamond"},
-            hovertemplate="%{text}: log S/n = %{x:.2f}, %{y:.3g} %<extra></extra>",
-        )
-    )
-    figure.layout["shapes"] = [_vertical_line("x", "y domain", at, BLUE)]
+    y, names = np.interp(x, degree_curve.degrees, degree_curve.errors), [name for _, name in marks]
+    marker = {"color": AMBER, "size": 8, "symbol": "diamond"}
+    hover = "%{text}: log S/n = %{x:.2f}, %{y:.3g} %<extra></extra>"
+    look = {"mode": "markers", "name": "choices", "marker": marker, "hovertemplate": hover}
+    figure.add(trace("scatter", x=x, y=y, text=names, **look))
+    labels, level_count = _mark_labels(marks)
+    figure.layout["annotations"] = labels
+    lines = [_vertical_line("x", "y domain", degree) for degree, _ in marks]
+    figure.layout["shapes"] = [*lines, _vertical_line("x", "y domain", at, BLUE)]
     figure.layout["xaxis"] |= {
         "title": {"text": "log S/n"},
         "range": list(SLIDER_RANGE),
@@ -134,9 +160,8 @@ def curve_drawing(degree_curve: DegreeCurve, at: float, joint: int, alone: bool)
         "automargin": False,
     }
     figure.layout["yaxis"] |= {"nticks": 4, "ticksuffix": " %", "automargin": False}
-    figure.layout.update(
-        showlegend=False, margin={"l": 46, "r": 10, "t": 14, "b": 36}, hovermode="closest", dragmode=False
-    )
+    margin = {"l": 46, "r": 10, "t": 4 + 14 * level_count, "b": 36}
+    figure.layout.update(showlegend=False, margin=margin, hovermode="closest", dragmode=False)
     figure.layout["font"] = {"size": 11}
     return figure
 
@@ -155,14 +180,17 @@ def _marks(degree_curve: DegreeCurve, joint: int, alone: bool) -> list[tuple[flo
     return marks
 
 
-def _sides(x: Array, rising: NDArray[np.bool_]) -> list[str]:
-    """Return the side of each mark's name: away from the curve, and from the next mark where that is close."""
-    close = np.append(np.diff(x) < MARK_LABEL_DISTANCE, False)
-    # the name stands on the side of the mark that the curve leaves free
-    sides = {(True, True): "top left", (True, False): "bottom right", (False, True): "bottom left"}
-    return [
-        sides.get((bool(up), bool(next_is_close)), "top right") for up, next_is_close in zip(rising, close, strict=True)
-    ]
+def _mark_labels(marks: Sequence[tuple[float, str]]) -> tuple[list[dict[str, Any]], int]:
+    """Return the names of the marks above the curve, in as many levels as keep them apart, and how many these are."""
+    ends, labels = list[float](), []
+    for degree, name in marks:
+        half = 0.5 * (NAME_PADDING + LETTER_WIDTH * len(name))
+        centre = float(np.clip(degree, SLIDER_RANGE[0] + half, SLIDER_RANGE[1] - half))
+        level = next((k for k, end in enumerate(ends) if end < centre - half), len(ends))
+        ends[level : level + 1] = [centre + half]
+        position = {"xref": "x", "x": centre, "yref": "y domain", "y": 1, "yanchor": "bottom", "yshift": 14 * level}
+        labels.append({"text": name, "showarrow": False, "font": {"size": 11}, **position})
+    return labels, len(ends)
 
 
 def mark_degree(degrees: Sequence[float], joint: int, alone: bool) -> float:
@@ -193,7 +221,7 @@ def _draw_over_time(
     points: int, of: str,
 ) -> Drawing:  # fmt: skip
     """Add curves over time, label the time axis, and draw the windows that are left out in grey."""
-    start_time, rows = time_origin(t), curves[-1][0]
+    start_time, rows = time_origin(t), max(row for row, *_ in curves)
     for row, name, values, colour, width in curves:
         x, y = _thin_hidden(t, values, zoom, points)
         line = curve(x - start_time, y, name, {"color": colour, "width": width}, len(x) + 8)

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
+
 from dynident.regression import ParallelFilter
 from dynident.runtime import ConfigError, choices, number, part_text, percent
 
@@ -33,8 +35,12 @@ def apply_control(view: View, control: str, value: Any, bench: Bench) -> View:
     name, _, argument = control.partition(":")
     if name in _VIEWS:
         return _VIEWS[name](view, argument)
+    if name == "column":
+        if value:
+            bench.other_column(view.log, str(value), np.zeros(0))
+        return replace(view, column=str(value or ""))
     if name not in _SETTINGS:
-        raise ConfigError(f"there is no control {name!r}; {choices(name, [*_VIEWS, *_SETTINGS])}")
+        raise ConfigError(f"there is no control {name!r}; {choices(name, [*_VIEWS, 'column', *_SETTINGS])}")
     tuning = _SETTINGS[name](view, bench, argument or value)
     bench.check(tuning)
     return replace(view, tuning=tuning)

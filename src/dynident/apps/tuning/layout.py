@@ -8,20 +8,40 @@ from dash import dcc, html
 
 from dynident.apps.tuning.drawings import SLIDER_RANGE
 from dynident.apps.tuning.edit import estimator_words
-from dynident.runtime import shorten_names
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from dynident.apps.tuning.bench import Bench
 
-MAX_NAME_LENGTH = 22  # letters of a name of a joint or log
 PLOT_CONFIG = {"displaylogo": False, "responsive": True, "doubleClick": "reset"}
 PLOT_BUTTONS = {"modeBarButtons": [["zoom2d", "pan2d", "resetScale2d", "toImage"]]}
 REACH_CHOICES = {"all": "all joints", "one": "this joint"}
 FILTERS = ("none", "low-pass")
-STORES = (*("tab", "moved", "told", "rested", "curve-data", "torque-data", "zoomed", "synced", "gone"),)
+STORES = (*("tab", "moved", "told", "rested", "curve-data", "torque-data", "loop-data", "zoomed", "synced", "gone"),)
 
+LOOP_TITLE = "Friction: torque over velocity"
+HELP = {  # by the title of a control
+    "Joint": "The joint that is drawn. The fit is always of all joints.",
+    "Recording": "The recording that is drawn. All are smoothed and fitted alike.",
+    "Changes act on": "Whether smoothing, minimum speed and terms change for all joints or for the one that is drawn.",
+    "Degree of smoothing": (
+        "What the smoothing takes away, squared, over what noise would be (S/n): 1 takes away as much as noise, less "
+        "follows the noise, more flattens the motion. Marks are what rules would choose."
+    ),
+    "Another column": "Draws a column that is not fitted below the motion, such as a reference or a temperature.",
+    "Samples left out": "Windows that are neither fitted nor judged, such as contacts or stops.",
+    "Minimum speed, rad/s or m/s": "Slower samples are not fitted: there the friction is not what the terms say.",
+    "Terms": "Effects beside the bodies: friction, rotor inertia, offsets. Watch the cross-validated error.",
+    "Torque of these joints": "Joints whose torque is fitted; leave one out where its torque was not measured well.",
+    "Estimator": "How parameters follow from the samples. The physically consistent one has bodies that can exist.",
+    "Parallel filter": "Filters torque and regressor alike before the fit, and keeps each k-th sample.",
+    "Time offset, ms": "How much later than the torques the positions are stamped.",
+    LOOP_TITLE: (
+        "The torque less that of bodies and rotors, over the velocity: viscous friction is a slope, Coulomb friction a "
+        "step, and a loop means that time or temperature plays a part."
+    ),
+}
 EMPTY: dict[str, Any] = {
     "layout": {f"{part}_bgcolor": "rgba(0,0,0,0)" for part in ("paper", "plot")}
     | {axis: {"visible": False} for axis in ("xaxis", "yaxis")}
@@ -72,7 +92,7 @@ def _header(name: str) -> Any:
 
 
 def _controls(bench: Bench) -> list[Any]:
-    joints = _short_names(bench.joints)
+    joints = {name: name for name in bench.joints}
     estimators = {name: estimator_words(name) for name in bench.estimators}
     slider = {"min": SLIDER_RANGE[0], "max": SLIDER_RANGE[1], "step": 0.02}
     curve_config = {**PLOT_CONFIG, "displayModeBar": False}
@@ -82,11 +102,12 @@ def _controls(bench: Bench) -> list[Any]:
     ]
     return [
         _section("Joint", _choice_buttons("joint", joints, "Joint")),
-        _section("Recording", _choice_buttons("log", _short_names(bench.log_names), "Recording")),
+        _section("Recording", _choice_buttons("log", {name: name for name in bench.log_names}, "Recording")),
         _section("Changes act on", _choice_buttons("reach", REACH_CHOICES, "Changes act on")),
         html.Section(
             [
                 html.Label("Degree of smoothing, S/n", htmlFor="degree", className="title"),
+                _help("Degree of smoothing"),
                 html.Output(id="degree-words"),
                 dcc.Graph(id="curve", figure=EMPTY, config=curve_config, className="plot small"),
                 dcc.Input(id="degree", type="range", value=0.0, **slider),
@@ -94,6 +115,11 @@ def _controls(bench: Bench) -> list[Any]:
                 *_smoother_hint(bench),
             ],
             className="degree",
+        ),
+        _section(
+            "Another column",
+            dcc.Input(id={"control": "column"}, type="text", list="columns", debounce=True, placeholder="its name"),
+            html.Datalist(id="columns"),
         ),
         _section("Samples left out", html.Div(id="windows"), _window_inputs()),
         _section(
@@ -155,14 +181,18 @@ def _curve_area() -> list[Any]:
 
 
 def _fit_area() -> list[Any]:
+    keep = html.Button("Keep for comparison", id="keep", className="quiet", **{"aria-pressed": "false"})
     return [
         html.Section(html.Div("no verdict yet", className="muted"), id="verdict", className="verdict"),
         html.Div(id="fit-complaint", role="alert"),
         html.Section(id="numbers"),
         html.Section(
             [
-                html.H2(id="torque-name"),
+                html.Div([html.H2(id="torque-name"), keep], className="heading"),
                 dcc.Graph(id="torque", figure=EMPTY, config={**PLOT_CONFIG, **PLOT_BUTTONS}, className="plot torque"),
+                html.H2(LOOP_TITLE),
+                _help(LOOP_TITLE),
+                dcc.Graph(id="loop", figure=EMPTY, config={**PLOT_CONFIG, **PLOT_BUTTONS}, className="plot loop"),
             ]
         ),
         html.Section(id="errors"),
@@ -172,11 +202,15 @@ def _fit_area() -> list[Any]:
 
 
 def _section(title: str, *children: Any) -> Any:
-    return html.Section([html.H2(title), *children])
+    return html.Section([html.H2(title), _help(title), *children])
 
 
-def _short_names(names: Sequence[str]) -> dict[str, str]:
-    return dict(zip(names, shorten_names(names, MAX_NAME_LENGTH), strict=True))
+def _help(title: str) -> Any:
+    """Return what a control does, behind a question mark."""
+    if title not in HELP:
+        return None
+    mark = html.Summary("?", **{"aria-label": f"Help: {title}"})
+    return html.Details([mark, html.P(HELP[title], className="muted")], className="help")
 
 
 def _choice_buttons(name: str, options: Mapping[str, str], title: str) -> Any:
@@ -189,11 +223,11 @@ def _choice_buttons(name: str, options: Mapping[str, str], title: str) -> Any:
 
 
 def _titled_choice(name: str, options: Mapping[str, str], title: str) -> Any:
-    return html.Div([html.Span(title, className="title"), _choice_buttons(name, options, title)])
+    return html.Div([html.Span(title, className="title"), _help(title), _choice_buttons(name, options, title)])
 
 
 def _labelled_field(title: str, control: Any) -> Any:
-    return html.Label([html.Span(title), control], className="field")
+    return html.Div([html.Label([html.Span(title), control]), _help(title)], className="field")
 
 
 def _number_input(name: str, **how: Any) -> Any:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynident.estimators import Estimate, Estimator, PhysicallyConsistent, Problem
 from dynident.identification.cross_validation import prediction_errors
-from dynident.models import Model
+from dynident.models import INERTIAL, Model
 from dynident.motion.log import Motion
 from dynident.regression import (
     BLOCK,
@@ -96,6 +96,13 @@ class QuickFit(Noun):
         return float(directions.values[0] / directions.values[directions.rank - 1])
 
     @cached_property
+    def inertial_torque(self) -> Mapping[str, Array]:
+        """The torque (N, n) of bodies and rotors alone, by log: what is left of the others is friction and offset."""
+        roles = [parameter.role in (*INERTIAL, "rotor") for parameter in self.model.parameters]
+        theta = np.where(roles, self.estimate.value, 0.0)
+        return {name: _torque(self.model, theta, log.motion) for name, log in self.logs.items()}
+
+    @cached_property
     def base(self) -> BaseParameters:
         """The base parameters on the data: combinations that are determined; each parameter itself where all are."""
         directions = self.estimate.determined.directions
@@ -120,6 +127,11 @@ def quick_estimate(problem: Problem, estimator: Estimator) -> tuple[Estimate, bo
     return call_part(fast, problem, Estimate), fast is estimator
 
 
+def _torque(model: Model, theta: Array, motion: Motion) -> Array:
+    parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
+    return np.concatenate([model.torque(**motion.states(part), theta=theta) for part in parts])
+
+
 def log_predictions(model: Model, theta: Array, motions: Motions) -> dict[str, LogPrediction]:
     """Return the prediction of each log with theta (p); InputError where one has no usable sample."""
     predictions = {}
@@ -128,8 +140,7 @@ def log_predictions(model: Model, theta: Array, motions: Motions) -> dict[str, L
             if not smoothed_motion.mask.any():
                 raise InputError(f"{name}: no usable sample is left; exclude less, or smooth less.")
             motion = model.remembering(smoothed_motion)
-            parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
-            torque = np.concatenate([model.torque(**motion.states(part), theta=theta) for part in parts])
+            torque = _torque(model, theta, motion)
             error, by_joint = relative_errors(motion, torque)
             predictions[name] = LogPrediction(
                 name, "train" if role == "train" else "validation", motion, torque, error, by_joint

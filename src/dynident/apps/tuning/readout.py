@@ -16,7 +16,7 @@ from dynident.motion.splines import NORMAL_95
 from dynident.report import Array
 from dynident.report.identification.report import TONES
 from dynident.report.page import cell, unit_text
-from dynident.runtime import number, shorten_names
+from dynident.runtime import number
 
 if TYPE_CHECKING:
     from dynident.apps.tuning.edit import Change
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from dynident.runtime import Step
 
 ROLES = {"train": "training", "validation": "held out"}
-MAX_JOINT_NAME = 18  # letters of a joint's name
 MIN_ERROR_CHANGE = 5e-3  # points of an error that are no difference
 HELD_OUT = (
     "Choose by the cross-validated error: it is of the training, over what is fitted. Settings that are chosen by the "
@@ -36,7 +35,6 @@ STAND_IN = (
     "parameters that come with it, are by the one chosen."
 )
 
-MAX_PARAMETER_NAME = 13  # letters of a name
 MAX_VALUE_LENGTH = 15  # of a value with its error: a longer one is broken
 
 
@@ -85,10 +83,10 @@ def errors(fit: QuickFit, last: QuickFit | None, joint: str) -> Any:
     train_errors = train.by_joint if train is not None and train is not log else None
     head = ["joint", ROLES[log.role], "since last", *(["training"] if train_errors else [])]
     rows = []
-    for name, short in zip(log.by_joint, shorten_names(list(log.by_joint), MAX_JOINT_NAME), strict=True):
+    for name in log.by_joint:
         size = log.by_joint[name]
         cells = [
-            html.Th(short, scope="row", title=name),
+            html.Th(_breakable(name), scope="row"),
             html.Td(number(size, 3), className="number"),
             html.Td(_error_change(size, before.get(name)), className="number"),
         ]
@@ -179,8 +177,7 @@ def parameter_table(now: QuickFit | Identification, last: QuickFit | Identificat
     """Return the parameters of a fit with their heading; a blue tick in a bar is the value of the ``last`` setting."""
     parameters = determined_parameters(now)
     before = {row.formula: row.value for row in (determined_parameters(last) if last else ())}
-    short_names = shorten_names([row.name for row in parameters], MAX_PARAMETER_NAME)
-    rows = [_row(row, short, before.get(row.formula)) for row, short in zip(parameters, short_names, strict=True)]
+    rows = [_row(row, before.get(row.formula)) for row in parameters]
     titles = html.Th("parameter"), html.Th("95 %"), html.Th("value ± 95 %", className="number"), html.Th("")
     head = html.Thead(html.Tr(list(titles)))
     title = "Parameters that the data determine"
@@ -194,8 +191,14 @@ def parameter_table(now: QuickFit | Identification, last: QuickFit | Identificat
     ]
 
 
-def _row(parameter: ParameterRow, short: str, before: float | None) -> Any:
-    """Return the row of a parameter under its short name, with a tick at its value ``before``."""
+def _breakable(name: str) -> list[Any]:
+    """Return a name that may be broken after each underscore, and is never cut."""
+    *heads, tail = name.split("_")
+    return [*(part for head in heads for part in (f"{head}_", html.Wbr())), tail]
+
+
+def _row(parameter: ParameterRow, before: float | None) -> Any:
+    """Return the row of a parameter, with a tick at its value ``before``."""
     formula, value, std = parameter.formula, parameter.value, parameter.std
     relative_half = NORMAL_95 * std / abs(value) if value and np.isfinite(std) else np.inf
     tone = "good" if relative_half <= 0.2 else "fair" if relative_half <= 1.0 else "bad"
@@ -209,7 +212,7 @@ def _row(parameter: ParameterRow, short: str, before: float | None) -> Any:
         className="interval",
         title=f"95 % within {number(100 * relative_half, 2)} % of the value",
     )
-    name_cell = html.Td(short + (" +" if formula != parameter.name else ""), title=formula)
+    name_cell = html.Td([*_breakable(parameter.name), " +" if formula != parameter.name else ""], title=formula)
     value_words = cell(f"{number(value, 3)} ± {number(NORMAL_95 * std, 2)}")
     if len(value_words) <= MAX_VALUE_LENGTH:
         value_words = value_words.replace(" ", "\u00a0")

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import TypeGuard
 
-TEXTS = ("search", "tab", "control", "now", "before")
+TEXTS = ("search", "tab", "control", "now", "before", "kept")
 NUMBERS = ("at", "n_clicks", "n_intervals")
 STORES = ("last", "zoomed", "rested")  # mappings of such fields
 

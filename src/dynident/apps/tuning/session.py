@@ -97,9 +97,10 @@ class WholeRuns:
     def step(self, tuning: Tuning) -> Step:
         """Return the current step for a setting."""
         with self._changed:
-            if self._now is not None and self._now[0] == tuning:
-                return self._now[1]
-        return Step("waiting")
+            if self._now is None:
+                return Step("about to begin")
+            current, step = self._now
+        return step if current == tuning else Step(f"waits until the one of another setting stops, after: {step.words}")
 
     def _run(self) -> None:
         while True:

@@ -19,17 +19,19 @@ if TYPE_CHECKING:
     from dynident.apps.tuning.bench import Bench
 
 MAX_CHARACTERS = 20_000  # of an address
-SHOWN = ("joint", "log", "only_this_joint")
+SHOWN = ("joint", "log", "only_this_joint", "column")
 
 
 @dataclass(frozen=True)
 class View:
-    """A ``tuning``, the ``joint`` and the ``log`` that are drawn, and whether a change is of that joint ``alone``."""
+    """A ``tuning``, the ``joint`` and the ``log`` that are drawn, whether a change is of that joint ``alone``, and the
+    other ``column`` of the recording that is drawn ("": none)."""
 
     tuning: Tuning
     joint: str
     log: str
     alone: bool = False
+    column: str = ""
 
     @classmethod
     def start(cls, bench: Bench) -> View:
@@ -40,7 +42,7 @@ class View:
     def of_query(cls, text: str, bench: Bench) -> View:
         """Return the view of an address (its part after the question mark); ConfigError where it makes no sense."""
         settings = {**cls.start(bench)._settings(), **_parse_fields(text)}
-        joint, log, alone = (settings.pop(key) for key in SHOWN)
+        joint, log, alone, column = (settings.pop(key) for key in SHOWN)
         for key, value, allowed in (("joint", joint, bench.joints), ("log", log, bench.log_names)):
             if value not in allowed:
                 raise ConfigError(f"address: there is no {key} {value!r}; {choices(value, allowed)}")
@@ -52,7 +54,7 @@ class View:
         except ValidationError as error:
             raise ConfigError(error_text(error, settings, "address")) from None
         bench.check(tuning)
-        return cls(tuning, joint, log, alone is True)
+        return cls(tuning, joint, log, alone is True, str(column or ""))
 
     def to_query(self, bench: Bench) -> str:
         """Return the part of an address from the question mark on: what differs from the start, each value as JSON.
@@ -66,7 +68,7 @@ class View:
 
     def _settings(self) -> dict[str, Any]:
         """Return all settings by their names in an address."""
-        return {**asdict(self.tuning), **dict(zip(SHOWN, (self.joint, self.log, self.alone), strict=True))}
+        return {**asdict(self.tuning), **dict(zip(SHOWN, (self.joint, self.log, self.alone, self.column), strict=True))}
 
 
 @cache

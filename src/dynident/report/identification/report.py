@@ -58,7 +58,6 @@ if TYPE_CHECKING:
 TONES: dict[Use, Literal["good", "fair", "bad"]] = {Use.SIMULATION: "good", Use.CONTROL: "good", Use.DO_NOT_USE: "bad"}
 STYLES = {use: "red" if tone == "bad" else "green" for use, tone in TONES.items()}  # in a terminal
 HEAD_SENTENCES = 3  # above the numbers
-MAX_REASON_LENGTH = 110  # signs of a reason in a sentence of the page
 MAX_OPEN_STEPS = 3  # in sight; the others are behind a fold
 MAX_TERMINAL_STEPS = 5  # besides remedies, in a terminal; the report has all
 
@@ -87,8 +86,8 @@ def head_numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
     weight = _effort_share(identification, logs, role_word)
     # A single joint is not named as the worst: the error relative to its effort limit takes the place
     if len(identification.model.joints) > 1:
-        rms = f"{joint}, rms {_rms(identification, log, joint)}{' as measured' * bool(log.errors.per_joint_filtered)}"
-        yield f"{number(size, 3)} %", f"worst joint, {role_word}", rms
+        rms = f"{_as_measured(log, joint)}rms {_rms(identification, log, joint)}"
+        yield f"{number(size, 3)} %", f"worst joint{_low_pass_words(log)}, {role_word}", f"{joint}, {rms}"
         yield _simulation_error(identification) if identification.runs else weight
     else:
         yield weight
@@ -122,10 +121,9 @@ def _torque_error(held_out: list[LogValidation], train: list[LogValidation]) -> 
     if not held_out:
         return "-", "torque error, held out", f"no log was held out; training {number(trained, 3)} %"
     log = max(held_out, key=_judged_error)
-    note = f"training {number(trained, 3)} %"
-    if log.errors.relative_error_filtered is not None:
-        note = f"after the low-pass of the fit; {note}; as measured {number(log.errors.relative_error, 3)} %"
-    return f"{number(_judged_error(log), 3)} %", "torque error, held out", note
+    low_pass, note = _low_pass_words(log), f"training {number(trained, 3)} %"
+    note += f"; as measured {number(log.errors.relative_error, 3)} %" * bool(low_pass)
+    return f"{number(_judged_error(log), 3)} %", f"torque error{low_pass}, held out", note
 
 
 def _simulation_error(identification: Identification) -> tuple[str, ...]:
@@ -176,6 +174,16 @@ def _judged_error(log: LogValidation) -> float:
     return errors.relative_error if errors.relative_error_filtered is None else errors.relative_error_filtered
 
 
+def _low_pass_words(log: LogValidation) -> str:
+    """Return where the errors that are judged are taken: a title says it, as other numbers are as measured."""
+    return "" if log.errors.relative_error_filtered is None else " after the low-pass"
+
+
+def _as_measured(log: LogValidation, joint: str) -> str:
+    """Return the error of a joint as measured, to which its rms belongs, where another one is judged."""
+    return f"as measured {number(log.errors.per_joint[joint], 3)} %, " * bool(log.errors.per_joint_filtered)
+
+
 def _joint_errors(log: LogValidation) -> dict[str, float]:
     return dict(log.errors.per_joint_filtered or log.errors.per_joint)
 
@@ -201,8 +209,9 @@ def summary_lines(identification: Identification) -> Iterator[str]:
             yield f"Torque error, {word}: {join_names(errors, MAX_LISTED)}"
     if len(identification.model.joints) > 1 and (worst := worst_joint(identification)) is not None:
         log, joint = worst
-        size = f"{number(_joint_errors(log)[joint], 3)} %{' after the low-pass' * bool(log.errors.per_joint_filtered)}"
-        yield f"Worst joint: {joint}, {size} on {log.name}, rms {_rms(identification, log, joint)}"
+        judged = f" ({number(_joint_errors(log)[joint], 3)} % after the low-pass)" * bool(log.errors.per_joint_filtered)
+        size = f"{number(log.errors.per_joint[joint], 3)} % on {log.name}{judged}"
+        yield f"Worst joint: {joint}, {size}, rms {_rms(identification, log, joint)}"
 
 
 def verdict_section(
@@ -212,18 +221,20 @@ def verdict_section(
     torque of the worst joint; what to do next, links to the files beside the report, and all reasons behind a fold."""
     verdict = judge(identification)
     steps, reasons = _step_texts(verdict), tuple(map(str, verdict.reasons))
-    texts = verdict.sentences(MAX_REASON_LENGTH)
+    texts = verdict.sentences()
     numbers = Facts(tuple(head_numbers(identification)), large=True)
     pictures: tuple[PageBlock, ...] = (*filter(None, (arm,)), *_worst_joint_figure(identification))
-    head: tuple[PageBlock, ...] = (*texts[:HEAD_SENTENCES], numbers, *export_links(exports))
+    is_named = all(reason in texts[1] for reason in reasons)
+    fold = (
+        () if is_named else (Fold(f"All {len(reasons)} reasons" if reasons[1:] else "The reason in full", (reasons,)),)
+    )
+    head: tuple[PageBlock, ...] = (*texts[:2], *fold, *texts[2:HEAD_SENTENCES], numbers, *export_links(exports))
     blocks: list[PageBlock] = list((Beside(head, pictures, "left"),) if pictures else head)
     if steps:
         more = Fold(f"{len(steps) - MAX_OPEN_STEPS} more", (steps[MAX_OPEN_STEPS:],))
         folded = (more,) if len(steps) > MAX_OPEN_STEPS else ()
         blocks.append(PageSection("What to do next", (steps[:MAX_OPEN_STEPS], *folded)))
     blocks += texts[HEAD_SENTENCES:]
-    if len(reasons) > NAMED_REASONS or max(map(len, reasons), default=0) > MAX_REASON_LENGTH:
-        blocks.append(Fold(f"All {len(reasons)} reasons against more use", (reasons,)))
     return PageSection("Verdict", tuple(blocks), Badge(verdict.use.value, TONES[verdict.use]))
 
 
@@ -246,7 +257,8 @@ def _worst_joint_figure(identification: Identification) -> tuple[PageBlock, ...]
         return ()
     (log, joint), several = worst, len(identification.model.joints) > 1
     unit = next(candidate.effort for candidate in identification.model.joints if candidate.name == joint)
-    caption = f"{joint} on {log.name}, {number(log.errors.per_joint[joint], 3)} % error as measured."
+    size = f"{number(log.errors.per_joint[joint], 3)} % error{' as measured' * bool(log.errors.per_joint_filtered)}"
+    caption = f"{joint} on {log.name}, {size}."
     drawing = glance_figure(log, joint, unit).follow_run(label_of(log))
     return (Figure(drawing, f"{'The worst joint: ' * several}{caption}"),)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynident.identification.links import BodyInertia, DeterminedBy, LinkInertia, link_inertias, rigid_bodies
 from dynident.models import Geometry, Outline, outlines, rod_geometry
-from dynident.report.figures import AMBER, BLUE, GREEN, RED, VIOLET, Trace, plain, time_origin
+from dynident.report.figures import AMBER, BLUE, GREEN, VIOLET, Trace, plain, time_origin
 from dynident.report.identification.parameters import SOURCE_WORDS, link_title
 from dynident.report.page import Column, Figure, PageBlock, PageSection, PageTable, relative_link
 from dynident.report.scene import (
@@ -54,16 +54,31 @@ LEGEND = {
     "itemclick": False,
     "itemdoubleclick": False,
 }
+NO_MARGIN = {"t": 0, "l": 0, "r": 0}
 COLOURS = {
-    DeterminedBy.DATA: BLUE,
-    DeterminedBy.COMBINATION: GREEN,
-    DeterminedBy.PRIOR: AMBER,
-    DeterminedBy.BOUND: RED,
-    DeterminedBy.NOTHING: VIOLET,
+    DeterminedBy.DATA: GREEN,
+    DeterminedBy.COMBINATION: BLUE,
+    DeterminedBy.PRIOR: "#7d8ea6",  # calm: of a link it is usual
+    DeterminedBy.BOUND: VIOLET,
+    DeterminedBy.NOTHING: AMBER,
+}
+LEGEND_WORDS = {
+    DeterminedBy.DATA: "well determined",
+    DeterminedBy.COMBINATION: "by combination",
+    DeterminedBy.PRIOR: "by the file or prior",
+    DeterminedBy.BOUND: "at a bound",
+    DeterminedBy.NOTHING: "not identified",
+}
+LEGEND_MEANINGS = {
+    DeterminedBy.DATA: "by the data alone",
+    DeterminedBy.COMBINATION: "the data fix sums with other links",
+    DeterminedBy.PRIOR: "the data fix sums, which the file or prior splits, as is usual for a good model",
+    DeterminedBy.BOUND: "held by a physical constraint",
+    DeterminedBy.NOTHING: "neither by data nor by a prior",
 }
 _VIEW = (
     "Play moves the arm along the recording, with the line in the torques; so does a pointer in a figure over time. "
-    "Drag to turn the view. A link has the colour of what determined most of its ten parameters."
+    "Drag to turn the view. The colour of a link says how most of its ten parameters were determined: "
 )
 _INERTIA = (
     " Inertia shows in each link the ellipsoid of even density that has its mass and inertia, solid as found and as "
@@ -91,8 +106,8 @@ def robot_blocks(identification: Identification, geometry: Geometry | None = Non
     moving_count, trace_count = len(moving), len(moving) + len(inertia)
     layers = [Layer("Inertia", tuple(range(moving_count, trace_count)), tuple(range(moving_count)))] if inertia else []
     figure = scene_figure(bodies, _recording_replays(identification), [*moving, *inertia], still, layers)
-    figure.layout.update(height=VIEW_HEIGHT, showlegend=True, legend=LEGEND, margin={"t": 0, "l": 0, "r": 0, "b": 50})
-    yield _VIEW + (_INERTIA if inertia else "")
+    figure.layout.update(height=VIEW_HEIGHT, showlegend=True, legend=LEGEND, margin={**NO_MARGIN, "b": 50})
+    yield _VIEW + _meanings(links) + (_INERTIA if inertia else "")
     yield Figure(figure, "The arm, in the frame of the root link (m).")
 
 
@@ -105,17 +120,18 @@ def robot_view(identification: Identification, geometry: Geometry | None = None)
     if bodies is None or not identification.validations:
         return None
     shapes = _cached_outlines(geometry or rod_geometry(bodies))
-    moving = _surface_traces(bodies, link_inertias(identification), shapes)
-    still = [root_surface(shape) for shape in shapes if shape.body < 0]
+    links = link_inertias(identification)
+    moving = _surface_traces(bodies, links, shapes)
+    still = [*(root_surface(shape) for shape in shapes if shape.body < 0), *_legend_keys(links)]
     if not moving:
         return None
     figure = scene_figure(bodies, _recording_replays(identification), moving, still)
-    figure.layout["height"] = SMALL_VIEW_HEIGHT
+    figure.layout.update(height=SMALL_VIEW_HEIGHT, showlegend=True, legend=LEGEND, margin={**NO_MARGIN, "b": 26})
     scene = figure.layout["scene"]
     scene["camera"] = _camera_towards(figure.data[: len(moving)], scene)
     for axis in "xyz":
         scene[f"{axis}axis"]["visible"] = False
-    return Figure(figure, "Links in the colour of what determined them (see below).", player=False)
+    return Figure(figure, f"How most parameters of a link are determined: {_meanings(links)}", player=False)
 
 
 def _camera_towards(arm: Sequence[Trace], scene: dict[str, Any]) -> dict[str, Any]:
@@ -192,7 +208,14 @@ def _ellipsoids(inertias: Mapping[int, BodyInertia | None], colours: Mapping[int
 def _legend_keys(links: Sequence[LinkInertia]) -> list[Trace]:
     """Return legend entries for the colours that occur."""
     sources = {link.main_source for link in links}
-    return [legend_key(f"by {SOURCE_WORDS[source]}", COLOURS[source]) for source in DeterminedBy if source in sources]
+    return [legend_key(LEGEND_WORDS[source], COLOURS[source]) for source in DeterminedBy if source in sources]
+
+
+def _meanings(links: Sequence[LinkInertia]) -> str:
+    """Return what the colours that occur mean, in a sentence."""
+    sources = {link.main_source for link in links}
+    texts = (f"{LEGEND_WORDS[x]} ({LEGEND_MEANINGS[x]})" for x in DeterminedBy if x in sources)
+    return f"{'; '.join(texts)}."
 
 
 def _recording_replays(identification: Identification) -> list[Replay]:

@@ -1,6 +1,14 @@
 // Figures are drawn when they come near the window, and follow the colour scheme of the page.
 (() => {
   const boxes = [...document.querySelectorAll(".plot")];
+  // Plotly is packed in the page; inflated, it runs as a script of the page.
+  const plotly = (async () => {
+    const packed = document.getElementById("plotly");
+    const bytes = Uint8Array.from(atob(packed.textContent), (sign) => sign.charCodeAt(0));
+    const script = document.createElement("script");
+    script.textContent = await new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).text();
+    packed.replaceWith(script);
+  })();
   const dark = matchMedia("(prefers-color-scheme: dark)");
   // The colours of figures on white, and brighter ones in their place on dark paper.
   const [ON_WHITE, ON_DARK] = [
@@ -127,7 +135,7 @@
     (entries) => entries.filter((entry) => entry.isIntersecting).forEach((entry) => draw(entry.target)),
     { rootMargin: "1000px" },
   );
-  boxes.forEach((box) => near.observe(box));
+  plotly.then(() => boxes.forEach((box) => near.observe(box)));
 
   // The contents show where the reader is.
   const bar = document.querySelector("nav");
@@ -150,7 +158,7 @@
     for (const box of boxes.filter((box) => box.drawn && shown(box))) Plotly.relayout(box, width ? { width } : { width: null, autosize: true });
   };
   addEventListener("beforeprint", () => {
-    boxes.forEach(draw);
+    if (window.Plotly) boxes.forEach(draw);
     paint("#111111", false);
     sized(PAPER);
   });

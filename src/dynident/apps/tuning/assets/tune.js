@@ -179,6 +179,11 @@
       },
 
       curve: (data) => (data ? painted(data, "curve") : none()),
+      loop: (data) => (data ? painted(data, "loop") : none()),
+      kept(clicks, last) {
+        const kept = (last?.kept ?? null) === null ? setting : null;
+        return [{ ...last, kept }, String(kept !== null)];
+      },
       torque(data) {
         if (!data) return none();
         bind("torque", box("torque"));
@@ -206,6 +211,7 @@
           const id = JSON.parse(button.id), pressed = String(synced.pressed.includes(id.button));
           if (button.getAttribute("aria-pressed") !== pressed) put(id, { "aria-pressed": pressed });
         }
+        put("keep", { "aria-pressed": String((now("last").data?.kept ?? null) !== null) });
         if (performance.now() - moved < 2 * REST) return none();
         set = synced.degree;
         if (Math.abs(now("degree").value - synced.degree) >= NEAR)

@@ -1,0 +1,128 @@
+"""What users are shown, as text that is kept beside the tests, and compared line by line.
+
+``DYNIDENT_KEEP=1 python -m pytest ...`` writes the texts anew, where a change is meant to change them. On another
+machine (see ``tests/laws/test_numbers.py``) the last digit of a number may differ.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from base64 import b64decode
+from collections.abc import Iterator, Mapping
+from difflib import unified_diff
+from functools import cache
+from html.parser import HTMLParser
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+
+FOLDER = Path(__file__).with_name("snapshots")
+NUMBER = re.compile(r"\d+(?:\.(\d+))?")
+INLINE = ("td", "th", "code", "span", "a", "b", "i", "em", "strong", "abbr", "wbr", "br", "sub", "sup", "button")
+SHOWN = ("class", "hidden", "style", "title", "href", "data-at", "data-value", "aria-label")  # attributes
+
+
+def check_kept(name: str, text: str) -> None:
+    """Compare a text with the one that is kept by a name."""
+    file = FOLDER / f"{name}.txt"
+    if os.environ.get("DYNIDENT_KEEP"):
+        file.write_text(text.rstrip("\n") + "\n", encoding="utf-8")
+    kept, now = file.read_text("utf-8").splitlines(), text.rstrip("\n").splitlines()
+    if not all(a is not None and b is not None and _agree(a, b) for a, b in zip_longest(kept, now)):
+        raise AssertionError("\n".join(unified_diff(kept, now, "kept", "now", n=0, lineterm="")))
+
+
+def _agree(kept: str, now: str) -> bool:
+    """Tell whether two lines agree: elsewhere than where they were kept but for the last digit of numbers."""
+    if kept == now or _is_same_machine():
+        return kept == now
+    if NUMBER.sub(lambda match: "#" * len(match[1] or ""), kept) != NUMBER.sub(
+        lambda match: "#" * len(match[1] or ""), now
+    ):
+        return False
+    return all(
+        abs(float(a[0]) - float(b[0])) <= 2.0 * 10.0 ** -len(a[1] or "")
+        for a, b in zip(NUMBER.finditer(kept), NUMBER.finditer(now), strict=True)
+    )
+
+
+@cache
+def _is_same_machine() -> bool:
+    from tests.laws.test_numbers import NUMBERS, machine
+
+    return bool(json.loads(NUMBERS.read_text())["machine"] == machine())
+
+
+def page_text(page: str) -> str:
+    """Return what a page shows: an element a line, rows with their cells, and figures trace by trace."""
+    reader = _PageReader()
+    reader.feed(page)
+    lines = map(str.rstrip, "".join(reader.parts).splitlines())
+    return "\n".join(line for line in lines if " " in line and not line.startswith("footer"))
+
+
+class _PageReader(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.parts, self.script = list[str](), ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        if tag in ("style", "script"):
+            self.script = given.get("type") or "-"
+            return
+        look = [] if tag == "td" else [f"{key}={value}" for key, value in given.items() if key in SHOWN]
+        mark = " | " if tag in ("td", "th") else "" if tag in INLINE else f"\n{tag} "
+        self.parts.append(mark + "".join(f"[{word}]" for word in look))
+
+    def handle_endtag(self, tag: str) -> None:
+        self.script = "" if tag in ("style", "script") else self.script
+        self.parts.append("" if tag in INLINE else "\n")
+
+    def handle_data(self, data: str) -> None:
+        if not self.script:
+            self.parts.append(data.replace("\n", " ") if data.strip() else "")
+        elif self.script == "application/json":
+            self.parts.append("\n" + "\n".join(figure_lines(json.loads(data))) + "\n")
+
+
+def figure_lines(figure: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a figure, as plotly reads it, in short: a line for each trace, and one for each part of its layout."""
+    for trace in figure["data"]:
+        yield "trace " + _short_value(trace)
+    for key, value in figure["layout"].items():
+        if key != "template":
+            yield f"layout {key} {_short_value(value)}"
+    if "motion" in figure:
+        yield f"motion {_short_value(figure['motion'])}"
+
+
+def _short_value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        if "bdata" in value:
+            array = np.frombuffer(b64decode(value["bdata"]), value["dtype"])
+            return f"{value.get('shape', '')}{_short_array(array.astype(float))}"
+        return "{" + ", ".join(f"{key}: {_short_value(inner)}" for key, inner in value.items()) + "}"
+    if isinstance(value, list):
+        if len(value) > 8 and all(isinstance(x, int | float) for x in value):
+            return _short_array(np.array(value, dtype=float))
+        texts = list(map(_short_value, value))
+        if len(texts) > 6 and all(isinstance(x, str) for x in value):  # what the pointer shows at each mark
+            texts = [texts[0], f"{len(texts)} with checksum {crc32(''.join(texts).encode())}", texts[-1]]
+        return "[" + ", ".join(texts) + "]"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _short_array(array: np.ndarray) -> str:
+    """Return the count of an array, its ends, extremes and mean, to a thousandth of the largest."""
+    finite = array[np.isfinite(array)]
+    if not len(finite):
+        return f"<{len(array)}>"
+    scale = 10.0 ** np.floor(np.log10(np.abs(finite).max() or 1.0) - 2)
+    told = (array[0], array[-1], finite.min(), finite.max(), finite.mean())
+    return f"<{len(array)}: " + " ".join(f"{np.round(x / scale) * scale + 0.0:.4g}" for x in told) + ">"

@@ -1,0 +1,163 @@
+"""What pages, terminal tables and sentences show stays, down to columns, order, digits and looks of figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from dynident.files.results import json_text
+from dynident.report import page
+from dynident.report.page import PageTable
+from tests.kept import check_kept, page_text
+from tests.sweeps import sweep
+
+
+def rankings() -> str:
+    from dynident.apps.ranking.page import ranking_page
+    from tests.report.rankings import ranking
+
+    return ranking_page(ranking())
+
+
+def fleets() -> str:
+    from dynident.apps.fleets.report import fleet_page
+    from tests.report.fleets import fleet
+
+    return fleet_page(fleet(4, 8))
+
+
+def study() -> str:
+    from dynident.apps.article import study_page
+    from tests.report.conftest import Reproduction, cases, motion
+
+    return study_page(Reproduction(tuple(cases()), {"simulated": motion(start=0.0), "spline": motion(noise=0.05)}))
+
+
+def excitation() -> str:
+    from dynident.apps.excitation.report import excitation_page
+    from tests.report.designs import designed
+
+    return excitation_page(*designed(), (("two.csv", "the motion"),))
+
+
+def identification() -> str:
+    from dynident.report.identification import identification_page
+    from tests.report.conftest import identification_of
+
+    return identification_page(identification_of())
+
+
+def robot() -> str:
+    from dynident.report.identification import identification_page
+    from tests.report.robots import identified
+
+    return identification_page(identified())
+
+
+def comparison() -> str:
+    from dynident.apps.compare_results import compare_results
+    from dynident.apps.compare_results.report import comparison_page
+    from tests.apps.compare_results.test_comparison import FIRST_FULL, WORSE
+
+    return comparison_page([compare_results(FIRST_FULL, WORSE), compare_results(FIRST_FULL, FIRST_FULL)])
+
+
+def payload() -> str:
+    from dynident.apps.payload.report import payload_page
+    from tests.apps.payload.arms import result
+    from tests.apps.payload.test_report import weighed
+
+    return payload_page(weighed(), result())
+
+
+def bound() -> str:
+    from dynident.apps.bound import bound_page
+    from tests.apps.test_bound import found
+
+    return bound_page(replace(found()))
+
+
+PAGES = (rankings, fleets, study, excitation, identification, robot, comparison, payload, bound)
+
+
+@pytest.mark.parametrize("make", PAGES, ids=lambda make: make.__name__)
+def test_a_page_shows_what_it_showed(make: Callable[[], str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page, "_plotly_source", lambda: "")
+    check_kept(f"page_{make.__name__}", page_text(make()))
+
+
+def table_lines(tables: Iterable[PageTable]) -> Iterator[str]:
+    for table in tables:
+        yield f"{table.caption}: {' | '.join(column.title for column in table.columns)}"
+        yield from (" | ".join(row) for row in table.rows)
+
+
+def ranking_lines() -> Iterator[str]:
+    from dynident.apps.ranking import differences, report
+    from dynident.apps.ranking import ranking as nouns
+    from tests.report.rankings import ranking
+
+    def show(noun: nouns.Ranking) -> list[str]:
+        heading, tables = report.ranking_heading(noun), table_lines(report.ranking_tables(noun))
+        return [heading, *report.ranking_findings(noun), *tables]
+
+    made = ranking()
+    same = [replace(row, cross_p_value=1.0) for row in made.rows]
+    for noun in (made, replace(made, rows=tuple(same[:2]), basis="train")):
+        yield from sweep(noun, show, (report, nouns, differences), depth=2)
+    yield json_text(report.ranking_dict(made))
+
+
+def fleet_lines() -> Iterator[str]:
+    from dynident.apps.fleets import changes_report, report, result
+    from tests.report.fleets import fleet
+
+    def show(noun: result.FleetResult) -> list[str]:
+        return [report.fleet_heading(noun), *report.fleet_findings(noun), *table_lines(report.fleet_tables(noun))]
+
+    yield from sweep(fleet(4, 6), show, (changes_report, report), depth=2)
+
+
+def comparison_lines() -> Iterator[str]:
+    from dynident.apps.compare_results import comparison as nouns
+    from dynident.apps.compare_results import report
+    from tests.apps.compare_results.test_comparison import FIRST_FULL, WORSE
+
+    def show(noun: nouns.ResultComparison) -> list[str]:
+        tables = (*report.comparison_tables(noun), report.overview_table((noun.first, noun.second)))
+        return [report.headline(noun), *report.comparison_lines(noun), *table_lines(tables)]
+
+    made = nouns.compare_results(FIRST_FULL, WORSE)
+    yield from sweep(made, show, (report, nouns), depth=2)
+    yield json_text(report.comparison_dict([made]))
+
+
+def payload_lines() -> Iterator[str]:
+    from dynident.apps.payload import report
+    from tests.apps.payload.test_report import weighed
+
+    def show(noun: Any) -> list[str]:
+        tables = (report.payload_table(noun), report.shares_table(noun), *report.torque_table(noun))
+        return [report.payload_words(noun), *table_lines((*tables, *report.gains_table(noun)))]
+
+    yield from sweep(weighed(), show, (report,), depth=1)
+
+
+def check_lines() -> Iterator[str]:
+    from dynident.checks import ChannelFacts, CheckResult
+    from dynident.report import check
+
+    fact = ChannelFacts("a", 1.23456, 1e-4, 1e-5, 0.0, 0.0, 3.45678, 0.123456, 0.01)
+    made = CheckResult((), channels={"one": (fact,)})
+    yield from sweep(fact, lambda noun: list(table_lines(check.check_tables(replace(made, channels={"one": (noun,)})))))
+
+
+SWEEPS = (ranking_lines, fleet_lines, comparison_lines, payload_lines, check_lines)
+
+
+@pytest.mark.parametrize("lines", SWEEPS, ids=lambda lines: lines.__name__)
+def test_tables_and_findings_follow_each_figure(lines: Callable[[], Iterator[str]]) -> None:
+    check_kept(lines.__name__, "\n".join(lines()))

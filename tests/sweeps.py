@@ -83,7 +83,7 @@ def name_of(value: Any) -> str:
     """Return a value as text that is the same in each run."""
     if isinstance(value, np.ndarray):
         return f"{np.array2string(value, threshold=4, edgeitems=1, precision=4)}".replace("\n", "")
-    text = str(value) if isinstance(value, Enum) else repr(value)
+    text = str(value) if isinstance(value, Enum) else re.sub(r"(\d\.\d{7})\d+", r"\1", repr(value))
     return text if len(text) < 60 and " at 0x" not in text else f"{type(value).__name__} changed"
 
 
@@ -115,8 +115,12 @@ def variants_inside(
             for place, given, other in variants(value[k], extra, depth - 1):
                 yield f"[{k}].{place}", given, (*value[:k], other, *value[k + 1 :])
     else:
-        for other in plain_variants(value, kind, limits_of(type(noun)) | extra):
+        limits = limits_of(type(noun)) | extra
+        for other in plain_variants(value, kind, limits):
             yield "", other, other
+        for x in sorted({TYPICAL, *limits}):
+            if (other := with_first(value, x)) is not None:
+                yield ", the first", x, other
 
 
 def plain_variants(value: Any, kind: str, limits: frozenset[float]) -> Iterator[Any]:
@@ -146,10 +150,20 @@ def several_variants(values: Any) -> Iterator[Any]:
         yield {}
         if all(isinstance(x, float) for x in values.values()):
             yield {key: TYPICAL * x for key, x in values.items()}
-    elif isinstance(values, tuple):
+    else:
         yield from (values[:1], values * 2, values * 6)
         if all(isinstance(x, float) for x in values):
             yield tuple(TYPICAL * x + 0.5 for x in values)
+
+
+def with_first(values: Any, x: float) -> Any:
+    """Return a tuple, a mapping or an array of numbers with another first one; None where it is none."""
+    if isinstance(values, np.ndarray) and values.dtype == float and values.size:
+        return np.concatenate([[x], values.flat[1:]]).reshape(values.shape)
+    if isinstance(values, Mapping) and values and all(isinstance(value, float) for value in values.values()):
+        return {**values, next(iter(values)): x}
+    is_numbers = isinstance(values, tuple) and values and all(isinstance(value, float) for value in values)
+    return (x, *values[1:]) if is_numbers else None
 
 
 @cache

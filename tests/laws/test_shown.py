@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -10,6 +11,7 @@ import pytest
 
 from dynident.files.results import json_text
 from dynident.report import page
+from dynident.report.figures import CLOCK_RANGE
 from dynident.report.page import PageTable
 from tests.kept import check_kept, page_text
 from tests.sweeps import sweep
@@ -80,7 +82,23 @@ def bound() -> str:
     return bound_page(replace(found()))
 
 
-PAGES = (rankings, fleets, study, excitation, identification, robot, comparison, payload, bound)
+def servo() -> str:
+    from dynident.apps.servo.report import servo_page
+    from tests.apps.servo.made import identified
+
+    return servo_page(identified())
+
+
+def smoothing() -> str:
+    from dynident.motion.splines import smooth
+    from dynident.report.identification.validation import smoothing_page
+    from tests.report.conftest import motion
+
+    made = motion(n=200)
+    return smoothing_page("run.csv", made.joints, made.q, smooth(made.t, made.q, sigma=1e-3))
+
+
+PAGES = (rankings, fleets, study, excitation, identification, robot, comparison, payload, bound, servo, smoothing)
 
 
 @pytest.mark.parametrize("make", PAGES, ids=lambda make: make.__name__)
@@ -112,13 +130,16 @@ def ranking_lines() -> Iterator[str]:
 
 
 def fleet_lines() -> Iterator[str]:
-    from dynident.apps.fleets import changes_report, report, result
+    from dynident.apps.fleets import Changes, changes_report, report
     from tests.report.fleets import fleet
 
-    def show(noun: result.FleetResult) -> list[str]:
-        return [report.fleet_heading(noun), *report.fleet_findings(noun), *table_lines(report.fleet_tables(noun))]
+    made = fleet(2, 4)
 
-    yield from sweep(fleet(4, 6), show, (changes_report, report), depth=2)
+    def show(noun: Changes) -> list[str]:
+        changed = replace(made, changes=(noun,))
+        return [*report.fleet_findings(changed), *table_lines(report.fleet_tables(changed))]
+
+    yield from sweep(made.changes[0], show, (changes_report,), depth=1)
 
 
 def comparison_lines() -> Iterator[str]:
@@ -155,7 +176,73 @@ def check_lines() -> Iterator[str]:
     yield from sweep(fact, lambda noun: list(table_lines(check.check_tables(replace(made, channels={"one": (noun,)})))))
 
 
-SWEEPS = (ranking_lines, fleet_lines, comparison_lines, payload_lines, check_lines)
+def study_lines() -> Iterator[str]:
+    from dynident.apps.article import findings, report, study_tables
+    from tests.report.conftest import Reproduction, cases
+
+    def show(noun: Reproduction) -> list[str]:
+        return [*findings(noun), *table_lines(study_tables(noun))]
+
+    yield from sweep(Reproduction(tuple(cases(4))), show, (report,), depth=1)
+
+
+def excitation_lines() -> Iterator[str]:
+    from dynident.apps.excitation import expected_report, report
+    from tests.report.designs import designed
+
+    project, made = designed()
+
+    def show(noun: Any) -> list[str]:
+        tables = table_lines([report.limit_use_table(noun)])
+        return [report.excitation_heading(noun), *report.excitation_findings(project, noun), *tables]
+
+    yield from sweep(made, show, (expected_report, report), depth=1)
+
+
+def servo_lines() -> Iterator[str]:
+    from dynident.apps.servo import judge, report
+    from tests.apps.servo.made import identified
+
+    def show(noun: Any) -> list[str]:
+        tables = report.parameter_table(noun), report.rollout_table(noun)
+        return [report.verdict_words(noun), *report.suspect_lines(noun), *noun.warnings, *table_lines(tables)]
+
+    yield from sweep(identified(), show, (judge, report), depth=1)
+    yield json_text(report.servo_dict(identified()))
+
+
+def bound_lines() -> Iterator[str]:
+    from dynident.apps import bound as module
+    from tests.apps.test_bound import found
+
+    def show(noun: Any) -> list[str]:
+        return [*module.bound_findings(noun), *table_lines([module.bound_table(noun)])]
+
+    yield from sweep(found(), show, (module,), depth=1)
+
+
+def watch_lines() -> Iterator[str]:
+    from dynident.apps.online import report
+    from dynident.apps.online.watcher import WatchSettings
+
+    yield from sweep(WatchSettings(), lambda noun: [report.watch_words(noun)], (report,))
+    yield from (
+        report.stamp_text(t, zero) for t in (math.nan, 12.34, 1.7e9, *CLOCK_RANGE) for zero in (math.nan, 1.6e9)
+    )
+
+
+SWEEPS = (
+    ranking_lines,
+    fleet_lines,
+    comparison_lines,
+    payload_lines,
+    check_lines,
+    study_lines,
+    excitation_lines,
+    servo_lines,
+    bound_lines,
+    watch_lines,
+)
 
 
 @pytest.mark.parametrize("lines", SWEEPS, ids=lambda lines: lines.__name__)

@@ -65,3 +65,5 @@ def test_help_is_that_of_the_reference() -> None:
     assert (ROOT / "docs" / "cli.md").read_text(encoding="utf-8") == made
     for name, command in main.commands.items():
         assert f"## dynident {name}\n" in made
+        for parameter in command.params:
+            assert all(option in made for option in parameter.opts if option.startswith("--"))

@@ -219,10 +219,6 @@ def public_classes() -> dict[str, set[str]]:
     return found
 
 
-        for parameter in command.params:
-            assert all(option in made for option in parameter.opts if option.startswith("--"))
-
-
 ARCHITECTURE = ROOT / "ARCHITECTURE.md"
 
 

@@ -132,6 +132,7 @@ def _short_array(array: np.ndarray) -> str:
 
 
 FREE = ("vectors", "left_vectors")  # of any sign
+PLAIN = (float, int, bool, np.number, np.bool_)
 MAX_SHOWN = 12  # numbers of an array, at equal distances
 
 
@@ -146,10 +147,10 @@ def told(value: Any, path: str = "", depth: int = 2) -> Iterator[str]:
     elif isinstance(value, Mapping):
         for key, inner in value.items():
             yield from told(inner, f"{path}.{key}", depth)
-    elif isinstance(value, tuple | list) and any(is_dataclass(inner) for inner in value):
+    elif isinstance(value, tuple | list) and not all(isinstance(inner, PLAIN) for inner in value):
         for k, inner in enumerate(value):
             yield from told(inner, f"{path}[{k}]", depth)
-    elif isinstance(value, np.ndarray | tuple | list | float | int | np.number) and not isinstance(value, Enum):
+    elif isinstance(value, (np.ndarray, tuple, list, *PLAIN)) and not isinstance(value, Enum):
         yield f"{path}: {digits(value)}"
     elif isinstance(value, str | None):
         yield f"{path}: {value}"
@@ -157,14 +158,10 @@ def told(value: Any, path: str = "", depth: int = 2) -> Iterator[str]:
 
 def digits(values: Any) -> str:
     """Return numbers with four digits, those that are rounding as zero; of many some."""
-    array = np.asarray(values, dtype=None if np.size(values) and not _is_mixed(values) else object)
+    array = np.asarray(values)
     if array.dtype.kind not in "fiub":
-        return " ".join(f"{x:.4g}" if isinstance(x, float) else str(x) for x in array.ravel())
+        return str(values)
     flat = array.ravel().astype(float)
     flat = flat[:: max(1, len(flat) // MAX_SHOWN)]
     scale = np.abs(flat[np.isfinite(flat)]).max(initial=0.0)
     return " ".join(f"{0.0 if abs(x) < 1e-5 * scale else x:.4g}" for x in flat)
-
-
-def _is_mixed(values: Any) -> bool:
-    return isinstance(values, tuple | list) and len({isinstance(x, str | bool | None) for x in values}) > 1

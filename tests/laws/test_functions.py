@@ -49,6 +49,7 @@ WAVE = np.sin(2.0 * T) + 0.3 * np.cos(7.0 * T) + 0.05 * np.random.default_rng(1)
 WAVES = np.column_stack([WAVE, 0.5 + 0.4 * np.cos(3.0 * T)])
 MATRIX = np.array([[2.0, 0.3, -0.2], [0.3, 1.5, 0.4], [-0.2, 0.4, 1.1]])
 ARRAYS = {"series": WAVE, "series of two": WAVES, "matrix": MATRIX, "three": np.array([0.2, 1.3, 0.7])}
+MIXED = "series and two"
 NUMBERS = {
     "float": (0.7, 12.3), "int": (3, 2), "bool": (True, False), "float | None": (0.7, None),
     "Sequence[float]": ([0.5, 1.0, 2.5],), "list[float]": ([0.5, 1.0, 2.5],), "Sequence[int]": ([0, 2, 1],),
@@ -81,12 +82,19 @@ def is_array(kind: str) -> bool:
     return kind in ("Array", "ArrayLike", "np.ndarray", "NDArray[np.bool_]", "NDArray[np.intp]")
 
 
-def values_of(name: str, kind: str, array: np.ndarray) -> tuple[Any, ...]:
-    """Return what a parameter takes while arrays are like ``array``."""
+def values_of(place: int, name: str, kind: str, shape: str) -> tuple[Any, ...]:
+    """Return what a parameter takes while arrays have a shape; no two of a function are the same."""
     if not is_array(kind):
         return NUMBERS[kind]
+    if shape == MIXED:
+        shape = "series of two" if place else "series"
+    array = ARRAYS[shape]
     if name == "t":
-        return (T[: len(array)],)
+        return T[: len(array)], 500.0 + T[: len(array)]
+    if shape == "matrix":
+        array = array + 0.3 * place * np.eye(3)
+    elif place:
+        array = (1.0 + 0.2 * place) * np.roll(array, place, axis=0)
     return {"NDArray[np.bool_]": (array > 0.4,), "NDArray[np.intp]": (np.arange(len(array)) // 2,)}.get(kind, (array,))
 
 
@@ -94,8 +102,8 @@ def values_of(name: str, kind: str, array: np.ndarray) -> tuple[Any, ...]:
 def test_functions_return_what_they_returned(room: str) -> None:
     lines = list[str]()
     for name, function, names, kinds in functions(room):
-        for shape, array in ARRAYS.items() if any(map(is_array, kinds)) else {"": WAVE}.items():
-            choices = [values_of(*pair, array) for pair in zip(names, kinds, strict=True)]
+        for shape in (*ARRAYS, MIXED) if any(map(is_array, kinds)) else ("",):
+            choices = [values_of(i, *pair, shape) for i, pair in enumerate(zip(names, kinds, strict=True))]
             for k in range(max(map(len, choices))):
                 given = [choice[k % len(choice)] for choice in choices]
                 texts = [str(x) for x in given if not isinstance(x, np.ndarray)]

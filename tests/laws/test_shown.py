@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from dynident.files.results import json_text
@@ -49,7 +51,27 @@ def identification() -> str:
     from dynident.report.identification import identification_page
     from tests.report.conftest import identification_of
 
-    return identification_page(identification_of())
+    runs = tuple(free_run(name, failure) for name, failure in (("swing.csv", ""), ("reach.csv", "it runs away")))
+    return identification_page(identification_of()) + "\n".join(simulations(identification_of(), runs))
+
+
+def free_run(name: str, failure: str) -> SimpleNamespace:
+    t, figures = np.linspace(0.0, 4.0, 101), {"shoulder": 1.23456, "elbow": 0.0123456}
+    measured = np.sin(t)[:, None] * [1.0, 0.5]
+    return SimpleNamespace(
+        name=name, joints=tuple(figures), driver="controller", restart=0.5 if failure else None, t=t,
+        q=measured + 0.1, measured=measured, failure=failure, relative_error=figures, motion_error=figures,
+        rms=figures, torque_error={"shoulder": 2.34567},
+    )  # fmt: skip
+
+
+def simulations(found: Any, runs: tuple[SimpleNamespace, ...]) -> Iterator[str]:
+    """The sections of free simulations where one has failed, where none has, and where there is none."""
+    from dynident.report.identification.validation import simulation_section
+
+    for some in (runs, runs[:1], ()):
+        found.runs = some
+        yield page.render("", "", list(simulation_section(found)))
 
 
 def robot() -> str:

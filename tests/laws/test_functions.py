@@ -90,7 +90,11 @@ def values_of(place: int, name: str, kind: str, shape: str) -> tuple[Any, ...]:
         shape = "series of two" if place else "series"
     array = ARRAYS[shape]
     if name == "t":
-        return T[: len(array)], 500.0 + T[: len(array)]
+        return T[: len(array)], 500.0 + T[: len(array)], 20.0 + T[: len(array)]
+    if name in ("pairs", "count", "counts"):
+        return (np.full(array.shape, 200.0),)
+    if name in ("correlation", "covariance") and shape == "matrix":
+        return (array / np.sqrt(np.outer(np.diag(array), np.diag(array))),)
     if shape == "matrix":
         array = array + 0.3 * place * np.eye(3)
     elif place:

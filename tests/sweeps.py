@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import Enum
 from functools import cache
-from textwrap import dedent
 from types import ModuleType
 from typing import Any
 
@@ -172,14 +171,19 @@ def limits_of(kind: type) -> frozenset[float]:
     found = set[float]()
     for base in kind.__mro__:
         if base.__module__.startswith("dynident"):
-            names = vars(sys.modules[base.__module__])
-            for node in ast.walk(ast.parse(dedent(inspect.getsource(base)))):
+            module = sys.modules[base.__module__]
+            for node in ast.walk(classes_in(module)[base.__qualname__]):
                 number = node.value if isinstance(node, ast.Constant) else None
                 if isinstance(node, ast.Name) and node.id.isupper():
-                    number = names.get(node.id)
+                    number = vars(module).get(node.id)
                 if isinstance(number, int | float) and not isinstance(number, bool):
                     found.add(float(number))
     return frozenset(found)
+
+
+@cache
+def classes_in(module: ModuleType) -> dict[str, ast.ClassDef]:
+    return {node.name: node for node in ast.parse(inspect.getsource(module)).body if isinstance(node, ast.ClassDef)}
 
 
 @cache

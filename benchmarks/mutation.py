@@ -35,6 +35,8 @@ SOURCE = Path("src/dynident")
 EQUIVALENT = ROOT / "benchmarks" / "mutation_equivalent.toml"
 MEMORY = 8 << 30  # bytes that a mutant may take, where the system can limit it
 MAX_TESTS, MAX_TIME = 150, 400.0  # tests of a mutant at most, the nearest; seconds, after which it is taken as noticed
+# tests that compare all that is shown or written: they see what runs when a file is imported, and are never too far
+WIDE = tuple(f"tests/laws/test_{x}.py" for x in ("written", "shown", "sentences", "values", "printed"))
 OPERATORS = tuple(
     f"core/{name}"
     for name in (
@@ -194,7 +196,8 @@ class Coverage:
         """Return the tests that run a line, those first that run the fewest others: they are the nearest and fastest.
 
         What stands outside functions runs when a file is imported, and no test can be named for it. Of a constant these
-        are then the tests that run a line with its name, of the head of a function those of its body, else of the file.
+        are then the tests that run a line with its name, of the head of a function those of its body, else of the file,
+        and all that are ``WIDE``. Of these none is left out for being far.
         """
         statement, is_inside = innermost_statement((self.root / path).read_text(encoding="utf-8"), line)
         last = statement.end_lineno or line
@@ -205,7 +208,11 @@ class Coverage:
             tests = self._union(path, range(statement.lineno, last + 1))
         else:
             tests = self._union(path, self.by_line[path])
-        return sorted(tests, key=lambda test: (self.size[test], test))[:MAX_TESTS]
+        wide = {test for test in self.size if test.startswith(WIDE)}
+        if not is_inside and not isinstance(statement, ast.FunctionDef):
+            tests |= wide
+        nearest = sorted(tests, key=lambda test: (self.size[test], test))
+        return nearest[:MAX_TESTS] + [test for test in nearest[MAX_TESTS:] if test in wide]
 
     def _union(self, path: str, lines: Collection[int]) -> set[str]:
         return set[str]().union(*(self.by_line[path].get(line, set[str]()) for line in lines))

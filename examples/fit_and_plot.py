@@ -5,8 +5,8 @@ monday, train: 1.94 % of the torque is left
 tuesday, validation: 1.67 % of the torque is left
 offset_elbow 0.525 +- 0.024 N m
 Fv_elbow 6.032 +- 0.022 N m s/rad
-Ia_elbow 0.630 +- 0.0095 kg m^2
-Fc_elbow 2.196 +- 0.024 N m
+Ia_elbow 0.630 +- 0.011 kg m^2
+Fc_elbow 2.196 +- 0.025 N m
 measured and predicted torque: plot-out/elbow.html
 """
 

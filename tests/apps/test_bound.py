@@ -9,6 +9,7 @@ from dynident.apps.bound import bound_findings, bound_page, bound_table, limit_f
 from dynident.identification import AccuracyBound, Measure, Origin, accuracy_bound
 from dynident.motion.log import Log
 from tests.identification.test_accuracy import swing
+from tests.kept import check_kept, told
 
 
 @cache
@@ -70,3 +71,7 @@ def test_names_are_escaped() -> None:
     strange = Log(log.t, log.q, log.tau, log.joints, "<script>alert(1)</script>")
     page = bound_page(accuracy_bound(model, [strange]))
     assert "<script>alert" not in page
+
+
+def test_the_figures_of_a_bound_stay() -> None:
+    check_kept("bound", "\n".join((*told(found().std), *told(found().conditional_std), *told(found().noise, "noise"))))

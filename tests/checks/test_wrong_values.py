@@ -33,6 +33,7 @@ from dynident.models.lagrangian import slider
 from dynident.motion.log import Motion
 from dynident.runtime import Finding, Use
 from tests.checks.moving_arm import MOVED, arm, case, motion, text, truth
+from tests.kept import check_kept
 
 
 def on_joint(joint: int, value: float, others: float = 1.0) -> np.ndarray:
@@ -188,3 +189,7 @@ def test_where_a_clock_cannot_be_told_from_a_length_its_cost_counts() -> None:
     worst = np.linalg.norm(predicted - right, axis=0) / np.linalg.norm(right, axis=0)
     assert finding.message.joint_cost == pytest.approx(100 * worst.max(), rel=0.3)
     assert finding.forbids is Use.CONTROL
+
+
+def test_all_that_is_said_of_faults_stays() -> None:
+    check_kept("wrong_values", "\n".join(f"{name}: {finding}" for name in FAULTS for finding in explained(name)))

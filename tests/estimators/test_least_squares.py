@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -17,7 +18,7 @@ from dynident.estimators import (
     estimate_of,
     fit_from_information,
 )
-from dynident.estimators.least_squares import LeastSquaresSolution, solve_least_squares
+from dynident.estimators.least_squares import LeastSquaresSolution, rounding_floor, solve_least_squares
 from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.estimators.notes import RankDeficient
 from dynident.models import Joint, Model
@@ -251,3 +252,13 @@ def test_only_linear_estimators_have_such_rows() -> None:
         PhysicallyConsistent(fit=MaximumLikelihood())
     with pytest.raises(ConfigError, match="is not linear"):
         PhysicallyConsistent(fit=PhysicallyConsistent())
+
+
+@pytest.mark.parametrize("still", [(0,), (0, 1)])
+def test_a_joint_without_torque_has_no_infinite_weight(still: tuple[int, ...]) -> None:
+    model = two_link_arm()
+    motion = multisine_motion(model, samples=50)
+    motion = replace(motion, tau=np.where(np.isin(np.arange(2), still), 0.0, motion.tau))
+    floor = rounding_floor(make_problem(model, motion).regression.triangular_factors)
+    assert (floor > 0).all()
+    assert floor[0] == floor[1]

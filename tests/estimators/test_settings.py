@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import fields
-from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 import pytest
@@ -78,7 +77,6 @@ NOTES = [
     StartedElsewhere(FirstModel.INSTRUMENTS),
     StillSimulating(3, 12.345),
 ]
-SENTENCES = Path(__file__).with_name("sentences.txt").read_text("utf-8").splitlines()  # in the order of the notes
 INSTRUMENTS = [
     (
         instruments.InstrumentsUsed((InstrumentKind.SIMULATED,), 0.9876, None, "M", 2.345),
@@ -100,11 +98,6 @@ INSTRUMENTS = [
     (instruments.MotionMovesOn(2, 0.5), SETTLED),
     (instruments.MotionMovesOn(2, 0.5, "its mass matrix is singular"), f"{SETTLED}: its mass matrix is singular"),
 ]
-
-
-@pytest.mark.parametrize(("note", "sentence"), list(zip(NOTES, SENTENCES, strict=True)), ids=lambda x: type(x).__name__)
-def test_a_note_says_its_figures(note: Note, sentence: str) -> None:
-    assert str(note) == sentence
 
 
 @pytest.mark.parametrize(("note", "part"), INSTRUMENTS, ids=lambda x: type(x).__name__)

@@ -44,3 +44,11 @@ def test_damage_is_an_error():
         value_counts(b"PAR1 nothing PAR1")
     with pytest.raises((ValueError, IndexError, KeyError)):
         value_counts(data[: -8 - size] + b"\x1c" * size + data[-8:])
+
+
+def test_a_number_of_values_below_zero_counts_as_none():
+    """A list of row groups, with one of columns, whose numbers of values are -5 and 7."""
+    columns = b"".join(bytes([0x3C, 0x39, 0x18, 1, name, 0x26, zigzag, 0, 0]) for name, zigzag in ((113, 9), (116, 14)))
+    footer = bytes([0x49, 0x1C, 0x19, 0x2C]) + columns + bytes([0, 0])
+    counts = value_counts(b"PAR1" + footer + len(footer).to_bytes(4, "little") + b"PAR1")
+    assert counts == {("q",): 0, ("t",): 7}

@@ -20,6 +20,7 @@ from dynident.models import Joint, Model, Parameter, Term
 from dynident.motion.log import stack_states, subsample
 from dynident.runtime import Use
 from dynident.validation import Driver, FloorOrigin, LogValidation, NoiseFloor
+from tests.kept import check_kept, told
 
 Array = NDArray[np.float64]
 
@@ -347,3 +348,10 @@ def test_nothing_is_held_back_at_rest(arm: Identification) -> None:
     none = replace(arm, validations=(silent, held), estimate=replace(arm.estimate, value=0 * arm.estimate.value))
     found = constraint_effect(none)
     assert (found.growth, found.torque_change) == (0.0, 0.0)
+
+
+def test_the_figures_of_an_identification_stay(arm: Identification) -> None:
+    lines = [*told(judge(arm), "verdict"), *told(arm.estimate, "estimate", 1), *told(arm.errors, "errors", 1)]
+    for log in arm.validations:
+        lines += [*told(log.errors, log.name), *told(log.residuals, log.name), *told(log.floors, log.name)]
+    check_kept("identified_arm", "\n".join(lines))

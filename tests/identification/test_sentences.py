@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
-import pytest
 
 from dynident.checks import robot_notes
 from dynident.identification import (
@@ -96,18 +93,6 @@ STEPS = [
     steps.SetRight(Finding(robot_notes.TiltedBase(0.01, -0.02, (1e-3, 1e-3), 6.0, 5.0))),
     steps.CheckRipple(("a",)),
 ]
-SENTENCES = Path(__file__).with_name("sentences.txt").read_text("utf-8").splitlines()  # in the order of the facts
-
-
-@pytest.mark.parametrize(
-    ("fact", "sentence"),
-    list(zip((*CHOICES, *REASONS, *STEPS), SENTENCES, strict=True)),
-    ids=lambda x: type(x).__name__,
-)
-def test_a_fact_says_its_figures(fact: object, sentence: str) -> None:
-    assert str(fact) == sentence
-
-
 RUN = WorstRun("fast", "elbow", 2.54)
 
 

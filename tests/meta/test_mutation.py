@@ -16,6 +16,7 @@ with patch.object(sys, "path", [str(ROOT / "benchmarks"), *sys.path]):
     RUN = runpy.run_path(str(ROOT / "benchmarks" / "mutation.py"))
 
 
+WIDE = "tests/laws/test_shown"
 CODE = """SIZE = 3
 
 
@@ -38,8 +39,8 @@ def test_every_file_has_a_room() -> None:
 @pytest.mark.parametrize(
     ("line", "tests"),
     [
-        (1, ["third", "large"]),  # a constant: who runs a line with its name, or has it
-        (5, ["small", "third", "large"]),  # of a class: likewise
+        (1, ["third", "large", WIDE]),  # a constant: who runs a line with its name, or has it, or compares all
+        (5, ["small", "third", "large", WIDE]),  # of a class: likewise
         (7, ["small", "large"]),  # the head of a function: who runs its body
         (8, ["large"]),
         (10, ["small", "large"]),
@@ -49,12 +50,13 @@ def test_the_tests_of_a_line_are_those_that_run_it_the_smallest_first(
     tmp_path: Path, line: int, tests: list[str]
 ) -> None:
     (tmp_path / "box.py").write_text(CODE, encoding="utf-8")
-    for name in ("large", "small", "third"):
+    (tmp_path / WIDE).parent.mkdir(parents=True)
+    for name in ("large", "small", "third", WIDE):
         (tmp_path / f"{name}.py").write_text(CODE if name == "third" else "", encoding="utf-8")
     coverage = object.__new__(RUN["Coverage"])
     coverage.root = tmp_path
     coverage.by_line = {"box.py": {8: {"large.py::test"}, 10: {"large.py::test", "small.py::test"}}}
-    coverage.size = {"large.py::test": 3, "small.py::test": 1, "third.py::test": 2}
+    coverage.size = {"large.py::test": 3, "small.py::test": 1, "third.py::test": 2, f"{WIDE}.py::test": 4}
     assert coverage.tests_of("box.py", line) == [f"{name}.py::test" for name in tests]
 
 

@@ -25,7 +25,7 @@ from dynident.report.page import (
     relative_link,
     render,
 )
-from dynident.runtime import number
+from dynident.runtime import InputError, number
 
 EVIL = "</script><script>alert(1)</script><b>\u2028&"
 VOID = {"meta", "br", "hr", "img", "link", "input", "wbr"}
@@ -194,9 +194,10 @@ def test_names_cannot_break_out_of_texts_tables_and_figures():
     assert "\u2028" not in outline.scripts[1]
 
 
-def test_without_its_file_plotly_is_asked_for_the_script(monkeypatch):
+def test_without_plotly_and_outside_a_wheel_the_package_is_named(monkeypatch):
     monkeypatch.setattr("dynident.report.page.find_spec", lambda name: None)
-    assert plotly_packed.__wrapped__() == plotly_packed()
+    with pytest.raises(InputError, match="pip install plotly"):
+        plotly_packed.__wrapped__()
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from dynident.estimators import LeastSquares, PhysicallyConsistent
 from dynident.motion.smoothers import Butterworth
 from dynident.runtime import ConfigError, InputError
 from dynident.runtime.kernel import kernel
+from tests.kept import check_kept, digits
 
 
 @cache
@@ -193,3 +194,8 @@ def test_workers_get_the_motion_with_the_scenario() -> None:
     scenario = replace(SCENARIOS["weak"])
     sent = pickle.loads(pickle.dumps((scenario, scenario.truth)[0]))
     np.testing.assert_array_equal(vars(sent)["truth"].q, scenario.truth.q)  # it is not simulated again
+
+
+def test_the_study_stays() -> None:
+    lines = [f"{one.method} {one.sigma_q2:g}: {digits((*one.mean, *one.variance))}" for one in study().cases]
+    check_kept("study", "\n".join(lines))

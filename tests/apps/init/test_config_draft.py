@@ -21,6 +21,7 @@ from dynident.project.arms import KnownArm
 from dynident.project.config import parse_config
 from dynident.project.shortcuts import read_robot
 from tests.cli.commands import run
+from tests.kept import check_kept
 from tests.robots import joint, link, urdf
 
 LIMIT = '<limit effort="30" velocity="5" lower="-2" upper="2"/>'
@@ -71,6 +72,7 @@ def test_what_is_certain_runs_without_an_edit(arm, tmp_path):
     assert "Confirm" not in done.output
     assert "Fill in" not in done.output
     text = (tmp_path / "identify.yaml").read_text()
+    check_kept("draft_certain", text)
     assert "# ?" not in text.partition("\n")[2]
     data = yaml.safe_load(text)
     model = {"file": "arm.urdf", "joints": ["shoulder", "elbow"], "lock": {"finger": 0.02}, "terms": "auto"}
@@ -301,6 +303,7 @@ def test_a_finger_that_does_not_move_is_locked_where_it_stands(tmp_path):
     done = run("init", tmp_path / "arm.urdf", *logs, "-o", tmp_path / "drafted.yaml")
     assert done.exit_code == 0, done.output
     text = (tmp_path / "drafted.yaml").read_text()
+    check_kept("draft_finger", text)
     assert "    finger: 0.02  # does not move in the logs" in text
     assert "`model.lock`): 'finger'" in done.output
     assert f"dynident check {tmp_path / 'drafted.yaml'}" in done.output.replace("\n", "")

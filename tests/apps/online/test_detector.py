@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache, reduce
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from scipy.stats import f
 from dynident.apps.online import Alarm, BaselineKnown, Changed, Event, NewMotion, Passed, Unsteady
 from dynident.apps.online.candidates import evidence, gains, threshold
 from dynident.apps.online.detector import Detector, Knowledge
-from dynident.apps.online.scores import MAX_EQUAL_LENGTHS, Scores, Sums, push_sums, suffix_sums
+from dynident.apps.online.scores import MAX_EQUAL_LENGTHS, Scorer, Scores, Sums, push_sums, suffix_sums
 from dynident.regression import GroupKind
 from tests.apps.online.blocks import INFORMATION, SPREAD, block, candidates
 
@@ -213,3 +214,11 @@ def test_new_motion_that_lasts_is_said() -> None:
     said = learned(140, lambda k: np.where(np.arange(8) == k % 8, 1.0, 1e-3) if k >= START else weak)
     assert said.count(NewMotion) <= 1
     assert Changed not in said
+
+
+def test_a_fit_without_a_residual_weights_all_joints_alike() -> None:
+    estimate = SimpleNamespace(residual=SimpleNamespace(sigma=np.zeros(2)))
+    found = SimpleNamespace(estimate=estimate, base=SimpleNamespace(structural=SimpleNamespace()))
+    assert Scorer.from_identification(found).sigma.tolist() == [1.0, 1.0]
+    estimate.residual.sigma = np.array([0.0, 3.0])
+    assert Scorer.from_identification(found).sigma.tolist() == [3.0, 3.0]

@@ -44,6 +44,7 @@ from dynident.apps.online.watch import Watch, make_watch, read_state, state_byte
 from dynident.files.folder import result_folder
 from dynident.regression import GroupKind
 from dynident.runtime import ConfigError, InputError, Severity
+from tests.kept import check_kept
 from tests.project.watched import CHANGE, SETTINGS, result, rows
 
 FRICTION, PAYLOAD, RESIDUAL = GroupKind.FRICTION, GroupKind.PAYLOAD, GroupKind.RESIDUAL
@@ -294,3 +295,7 @@ def test_a_log_goes_on_where_its_state_ends(tmp_path: Path, harm: str) -> None:
     rows = [json.loads(line) for line in path.read_text().splitlines()]
     assert [row["id"] for row in rows][-2:] == [5, 6]
     assert [row["event"] for row in rows] == ["Gap"] * (len(rows) - 1) + ["Resumed"]
+
+
+def test_all_that_a_watch_says_stays(undisturbed: tuple[list[Event], Watch]) -> None:
+    check_kept("watched", "\n".join(str(event_line(event, ("slider",))) for event in undisturbed[0]))

@@ -30,6 +30,7 @@ from dynident.models.friction import LoadCoulomb
 from dynident.project.saved import load
 from dynident.runtime import ConfigError, InputError, ModelError
 from tests.apps.payload.arms import CARRIED, RECIPE, arm, damaged, fit, loaded_result, recorded, result
+from tests.kept import check_kept, told
 
 GAINS = DriveGains(("a",), np.array([1.1]), np.array([[1e-4]]), 2.0)
 
@@ -309,3 +310,7 @@ def test_a_known_mass_far_beyond_the_arm_is_refused() -> None:
     for mass in (30.0, 1e5, 1e9):
         with pytest.raises(InputError, match="known mass is"):
             find_payload(result(GAIN), loaded_result("weighed", GAIN), request=PayloadRequest(known_mass=mass))
+
+
+def test_the_figures_of_a_payload_stay() -> None:
+    check_kept("payloads", "\n".join(line for payload in (found(), weighed()) for line in told(payload, depth=2)))

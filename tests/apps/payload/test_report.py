@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.apps.payload import Component, Payload, PayloadRequest, PhysicalBody, find_payload
+from dynident.apps.payload import Payload, PayloadRequest, PhysicalBody, find_payload
 from dynident.apps.payload import body as notes
 from dynident.apps.payload.config import payload_data, payload_name, payload_urdf, read_gains, read_loaded
 from dynident.apps.payload.report import (
@@ -25,7 +25,7 @@ from dynident.apps.payload.report import (
 from dynident.files.results import json_text
 from dynident.identification import SourceFile, Sources
 from dynident.models import RigidBodies
-from dynident.runtime import InputError, ModelError, Note
+from dynident.runtime import InputError, ModelError
 from tests.apps.payload.arms import SIX, loaded_result, result
 
 
@@ -139,35 +139,3 @@ def test_the_page_holds_all_of_it_and_escapes_names() -> None:
     assert "<li>Payload, drift and gains leave 2 times what" in page
     assert "Gains of the drives" in page
     assert payload_page(replace(weighed(), logs=()), result()).count("Two results are compared") == 1
-
-
-@pytest.mark.parametrize(
-    ("note", "said"),
-    [
-        (
-            notes.NotShown((Component.Z, Component.IXX), (0.05, 0.01), "j5", 1.5, "rad/s", (0.002, 0.003)),
-            (
-                "the motion does not show centre of mass, z (± 0.05 m), inertia about the centre of mass, xx "
-                "(± 0.01 kg m^2) of the payload; 10 s of turning j5 back and forth at up to 1.5 rad/s would lower that "
-                "to ± 0.002 m, 0.003 kg m^2; `dynident excite` designs a motion of all joints"
-            ),
-        ),
-        (
-            notes.NotShown((Component.IZZ,), (0.05,)),
-            (
-                "the motion does not show inertia about the centre of mass, zz (± 0.05 kg m^2) of the payload; no "
-                "single joint would by itself: turn the last joints together, fast, in several postures"
-            ),
-        ),
-        (
-            notes.PayloadOrDrift(Component.MASS, 0.9, unloaded=False),
-            "record the same motion without the payload on the same day",
-        ),
-        (notes.PayloadOrDrift(Component.MASS, 0.9, unloaded=True), "move the arm through more postures"),
-        (notes.GainsUnknown(0.09, 0.01, 3.0), "with known gains it would be ± 0.01 kg"),
-        (notes.OtherArm(3.14), "leave 3.1 times what the standard errors allow"),
-        (notes.SameRecording("a.csv"), "a.csv: the result was made from it"),
-    ],
-)
-def test_notes_have_words(note: Note, said: str) -> None:
-    assert said in str(note)

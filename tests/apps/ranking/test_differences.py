@@ -188,3 +188,8 @@ def test_zeros_that_a_file_writes_are_no_truth_of_friction(tmp_path: Path) -> No
         values = read_truth("true.urdf", tmp_path, spec.model_copy(update={"terms": terms}))
         assert {name: value for name, value in values.items() if "." not in name} == {"Fv_elbow": 0.5}
         assert values["fore.mx"] == 0.0
+
+
+@pytest.mark.parametrize(("count", "period", "length"), [(400, 12, 60), (60, 22, 20), (400, 15, 27)])
+def test_a_block_is_no_longer_than_a_third_and_three_roots_of_the_series(count: int, period: int, length: int) -> None:
+    assert block_length(np.cos(2 * np.pi * np.arange(count) / period)) == length

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import dynident as dy
 from dynident.apps.ranking import CombinationOutcome, Ranking, compare
 from dynident.apps.ranking.config import estimator_candidates, smoother_candidates
 from dynident.apps.ranking.report import ranking_findings
+from dynident.apps.ranking.task import find_common_samples
 from dynident.estimators import LinearEstimator
 from dynident.models.lagrangian import slider
 from dynident.project.config import parse_config
@@ -20,6 +22,7 @@ from dynident.project.settings import Config
 from dynident.runtime import ConfigError, InputError, Step, progress_to
 from dynident.runtime.families import ESTIMATORS, SMOOTHERS
 from tests.apps.ranking.made import CONFIG, Greedy, Halved, Lacking, OnMonday, Raising, Stuck, Whole, make_project
+from tests.kept import check_kept, told
 
 BODIES = dy.read_robot(Path(__file__).parents[3] / "src/dynident/apps/demo/files/arm.urdf")
 
@@ -291,3 +294,15 @@ def test_a_log_that_repeats_the_training_is_named(tmp_path: Path) -> None:
     path = make_project(tmp_path, held_out=False, more="validation: [{ file: monday.csv, name: again }]\n")
     found = compare(path, **{**FEW, "smoothers": [], "folds": 0})
     assert found.repeats == (("again", "monday"),)
+
+
+def test_the_numbers_of_a_comparison_stay(found: Ranking) -> None:
+    check_kept("compared", "\n".join(line for row in numbers(found) for line in told(list(row))))
+
+
+@pytest.mark.parametrize(("kept", "left_out"), [(4, False), (3, True)])
+def test_a_smoother_that_keeps_half_of_what_most_do_is_compared(kept: int, left_out: bool) -> None:
+    motions = {"train": {"one": SimpleNamespace(mask=np.ones(8, bool))}}
+    masks = {name: {"train": {"one": np.arange(8) < size}} for name, size in (("a", 8), ("b", 8), ("c", kept))}
+    common = find_common_samples(SimpleNamespace(motions=motions), masks)
+    assert set(common.excluded) == ({"c"} if left_out else set())

@@ -320,3 +320,9 @@ def test_a_rule_that_searches_for_nothing_is_an_error() -> None:
 
     with pytest.raises(ConfigError, match=r"pulse: .*returned Solution, expected a generator"):
         smooth(np.arange(9.0), np.arange(9.0) ** 2, Straight(), names=["pulse"])
+
+
+def test_the_derivative_of_order_zero_is_the_value() -> None:
+    t = np.linspace(0.0, 1.0, 20)
+    made = smooth(t, np.sin(5 * t), Fixed(lam=1e-6))
+    np.testing.assert_array_equal(made.derivative(0), made.values)

@@ -187,3 +187,17 @@ def test_a_run_that_is_left_leaves_the_executor_usable() -> None:
         for _ in run_jobs(process, range(1000), executor):
             break
         assert len(list(run_jobs(process, range(100), executor))) == 100
+
+
+@pytest.mark.parametrize("jobs", [2, 3])
+def test_so_many_batches_may_fail_before_any_is_done(jobs: int) -> None:
+    """Fewer are jobs that fail: what fails with three may be the workers."""
+
+    def refuse(given: Batch) -> None:
+        raise RuntimeError("lost")
+
+    if jobs == batch.MAX_FIRST_FAILURES:
+        with pytest.raises(InputError, match="workers cannot run jobs"):
+            list(run_jobs(abs, range(jobs), Direct(refuse)))
+    else:
+        assert [one.status for one in run_jobs(abs, range(jobs), Direct(refuse))] == [Status.DIED] * jobs

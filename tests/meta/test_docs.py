@@ -219,14 +219,6 @@ def public_classes() -> dict[str, set[str]]:
     return found
 
 
-def test_the_reference_of_commands_has_each_option() -> None:
-    made = runpy.run_path(str(ROOT / "docs" / "commands.py"))["reference"]()
-    for name, command in main.commands.items():
-        assert f"## dynident {name}\n" in made
-        for parameter in command.params:
-            assert all(option in made for option in parameter.opts if option.startswith("--"))
-
-
 ARCHITECTURE = ROOT / "ARCHITECTURE.md"
 
 

@@ -168,6 +168,8 @@ def _fit_warnings(fit: ServoFit, plant: ServoPlant) -> Iterator[str]:
     """Yield what is to be said of a fit."""
     if not fit.converged:
         yield "the search has not converged: the values may be off by more than their errors."
+    for entry in fit.vanished:
+        yield f"{entry_name(entry, plant.joints)} is driven to zero: another law, mass or gain may stand for it."
     if fit.values.delay > 0.9 * MAX_DELAY:
         yield f"the delay {fit.values.delay:.3g} s is the longest that is searched; are commands and positions in step?"
     if fit.values.delay == 0 and Entry(Quantity.DELAY, 0) in fit.entries:

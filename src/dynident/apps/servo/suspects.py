@@ -63,7 +63,7 @@ def suspect_entries(plant: ServoPlant, motions: Sequence[SmoothLog], fit: ServoF
         return {}
     shifts = -np.linalg.lstsq(columns[:, fitted], weighted.ravel(), rcond=None)[0][-len(chosen) :]
     entries = [candidates[k - len(fit.entries)] for k in chosen]
-    moved = fit.values.at(entries, fit.values.coordinates(entries) + np.clip(shifts, -0.7, 0.7))
+    moved = fit.values.moved(entries, np.clip(shifts, -0.7, 0.7))
     return {entry: moved.entry(entry) for entry in entries}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from enum import StrEnum
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
+MAX_DROP = 2.0  # of a logarithm, in one step
+MIN_VALUE = 1e-8  # SI: of what is positive; it stands for zero
 
 
 class Quantity(StrEnum):
@@ -82,12 +85,15 @@ class ServoValues(Noun):
             fields[quantity] = array
         return replace(self, **fields)  # type: ignore[arg-type]
 
-    def coordinates(self, entries: Sequence[Entry]) -> Array:
-        """Return what a search moves: the logarithm of what is positive."""
-        pairs = [(entry, self.entry(entry)) for entry in entries]
-        return np.array([np.log(x) if entry.quantity.positive else x for entry, x in pairs])
-
-    def at(self, entries: Sequence[Entry], coordinates: Array) -> ServoValues:
-        """Return the values at coordinates of a search."""
-        pairs = zip(entries, coordinates, strict=True)
-        return self.changed(entries, [np.exp(x) if entry.quantity.positive else x for entry, x in pairs])
+    def moved(self, entries: Sequence[Entry], steps: Sequence[float] | Array) -> ServoValues:
+        """Return the values after steps (p) of a search: relative ones of what is positive, which stays so."""
+        numbers = []
+        for entry, step in zip(entries, steps, strict=True):
+            number = self.entry(entry)
+            if entry.quantity.positive:
+                # up by the share, so that a value near zero comes back at once; down by a logarithm
+                number = max(number * (1 + step if step > 0 else math.exp(max(step, -MAX_DROP))), MIN_VALUE)
+            else:
+                number += step
+            numbers.append(number)
+        return self.changed(entries, numbers)

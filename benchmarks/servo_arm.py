@@ -87,7 +87,7 @@ def _gap(name: str, axis: str, size: float) -> str:
     bound = 0.5 * float(size)
     return (
         f'<joint name="{name}_gap" axis="{axis}" limited="true" range="{-bound:.9g} {bound:.9g}" damping="0.002" '
-        'solreflimit="0.002 1"/>'
+        'solreflimit="0.002 1" solimplimit="0.99 0.999 0.001"/>'
         if size
         else ""
     )

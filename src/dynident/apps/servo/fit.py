@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.servo.plant import ServoPlant
-from dynident.apps.servo.start import SmoothLog
+from dynident.apps.servo.start import SmoothLog, StateWindows
 from dynident.apps.servo.values import Entry, Quantity, ServoValues
 from dynident.runtime import ModelError, Noun, report_progress
 
 Array = NDArray[np.float64]
 SETTLING = 0.5  # s at the start of a rollout that are not compared: the speed there is not measured
+WINDOW = 0.5  # s, of short rollouts
+STATE_STEP = 1e-4  # rad and rad/s, of differences
 MAX_ITERATIONS = 12
 TOLERANCE = 0.1  # standard errors, below which a step ends the search
 MIN_DECREASE = 0.05  # of the squared error in a step, below which the sensitivities are not computed again
@@ -57,13 +60,52 @@ class ServoFit(Noun):
 
 
 def residuals(plant: ServoPlant, motions: Sequence[SmoothLog], values: ServoValues) -> Array:
-    """Return simulated less measured positions (N', n) of all recordings, without the settling at their starts."""
+    """Return simulated less measured positions (N', n) of all recordings, without the settling at their starts.
+
+    Those of recordings in windows are without what the states at the starts of these explain.
+    """
     parts = []
     for motion in motions:
         log = motion.log
-        simulated = plant.rollout(values, log, speeds=motion.speeds)[0]
-        parts.append((simulated - log.q)[log.t > log.t[0] + SETTLING])
+        if motion.windows is None:
+            simulated = plant.rollout(values, log, speeds=motion.speeds)[0]
+            parts.append((simulated - log.q)[log.t > log.t[0] + SETTLING])
+        else:
+            parts += window_residuals(plant, motion, motion.windows, values)
     return np.vstack(parts)
+
+
+def window_residuals(plant: ServoPlant, motion: SmoothLog, windows: StateWindows, values: ServoValues) -> list[Array]:
+    """Return simulated less measured positions (m, n) by window, without what the state at its start explains."""
+    log = motion.log
+    paths = plant.rollout(values, log, windows.starts, windows.stops, motion.speeds)
+    misses = [path - log.q[a:b] for path, a, b in zip(paths, windows.starts, windows.stops, strict=True)]
+    return [
+        (miss.ravel() - basis @ (basis.T @ miss.ravel())).reshape(miss.shape)
+        for miss, basis in zip(misses, windows.bases, strict=True)
+    ]
+
+
+def split_into_windows(plant: ServoPlant, motion: SmoothLog, values: ServoValues) -> SmoothLog:
+    """Return a recording in windows of 0.5 s, for arms of commanded torques: nothing holds these on their way.
+
+    What their states change is found by differences at the values.
+    """
+    log, n = motion.log, motion.log.q.shape[1]
+    edges = np.searchsorted(log.t, np.arange(log.t[0], log.t[-1] - WINDOW / 2, WINDOW))
+    starts, stops = tuple(map(int, edges)), (*map(int, edges[1:]), len(log.t))
+    paths = plant.rollout(values, log, starts, stops, motion.speeds)
+    columns = []
+    for k in range(2 * n):
+        change = np.eye(n)[k % n] * STATE_STEP
+        moved = replace(log, q=log.q + change) if k < n else log
+        speeds = motion.speeds if k < n else motion.speeds + change
+        columns.append(plant.rollout(values, moved, starts, stops, speeds))
+    bases = [
+        np.linalg.qr(np.column_stack([(column[i] - path).ravel() / STATE_STEP for column in columns]))[0]
+        for i, path in enumerate(paths)
+    ]
+    return replace(motion, windows=StateWindows(starts, stops, tuple(bases)))
 
 
 def sensitivity(

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps.servo.fit import ServoFit, fit_values
+from dynident.apps.servo.backlash import Backlash, find_backlash
+from dynident.apps.servo.fit import ServoFit, fit_values, split_into_windows
 from dynident.apps.servo.judge import ServoRollout, ServoUse, position_noise, roll_out, verdict_of
 from dynident.apps.servo.plant import ServoLog, ServoPlant, import_mujoco
 from dynident.apps.servo.robot import MAX_ROLLOUT_DIFFERENCE, load_plant, mjcf_text, rollout_difference, write_mjcf
@@ -22,7 +23,7 @@ from dynident.project.drive_settings import ServoSettings
 from dynident.project.logs import read_recording, read_unchecked, turning_joints
 from dynident.project.project import Project, log_files
 from dynident.project.settings import Config, LogSpec, RobotSettings
-from dynident.runtime import ConfigError, ModelError, Noun, Severity, report_progress, require
+from dynident.runtime import ConfigError, ModelError, Noun, Severity, number, report_progress, require
 
 Array = NDArray[np.float64]
 MAX_NOISE_RATIO = 1.3  # of residuals to noise, beyond which another kind of commands is tried
@@ -32,7 +33,8 @@ MAX_ROUNDS = 2  # of testing what is given and fitting it too
 class ServoIdentification(Noun):
     """The identified model of a servo arm: the ``fit``, the values of the ``nominal`` file, and what they are worth.
 
-    ``suspects`` were given, but contradict the log, and are fitted too. ``mjcf`` is the robot file with the fitted
+    ``suspects`` were given, but contradict the log, and are fitted too; ``backlash`` is what a joint has and the model
+    has not. ``mjcf`` is the robot file with the fitted
     values, whose rollout is ``difference`` (rad, m) from that of the fit. ``hashes`` are the SHA-256 of all files read.
     """
 
@@ -41,6 +43,7 @@ class ServoIdentification(Noun):
     fit: ServoFit
     nominal: ServoValues
     suspects: tuple[Entry, ...]
+    backlash: tuple[Backlash, ...]
     rollouts: tuple[ServoRollout, ...]
     mjcf: str
     difference: float
@@ -49,12 +52,14 @@ class ServoIdentification(Noun):
 
     @property
     def use(self) -> ServoUse | None:
-        """What the model is good for, by held-out rollouts; None where there is none."""
-        return verdict_of(self.rollouts)
+        """What the model is good for, by held-out rollouts; None where there is none. With backlash, which is not in
+        the model, at best with care."""
+        use = verdict_of(self.rollouts)
+        return ServoUse.CARE if self.backlash and use is ServoUse.GOOD else use
 
 
 def identify_servo(project: Project) -> ServoIdentification:
-    """Identify the arm of position servos that a configuration describes, by simulating it in MuJoCo.
+    """Identify the arm of servos that a configuration describes, by simulating it in MuJoCo.
 
     Raises ConfigError where the configuration is not of that kind, ModelError where MuJoCo is not installed or cannot
     simulate the file, InputError where a log cannot be used.
@@ -75,6 +80,10 @@ def identify_servo(project: Project) -> ServoIdentification:
     report_progress("looking for the delay")
     fitted, fit, suspects = choose_fit(plant, motions["train"], nominal, settings)
     held = fitted[0].log.held
+    noise = np.max([position_noise(motion.log.q) for motion in fitted], axis=0)
+    gaps = find_backlash(
+        lambda ks: load_plant(robot, text, names, path.name, [names[k] for k in ks]), fitted, fit, noise
+    )
     motions = {role: [motion if held else interpolate_commands(motion) for motion in motions[role]] for role in motions}
     if not held and settings.commands == "estimate":
         warnings.append("commands are interpolated: so the positions are explained better than if each is held.")
@@ -86,11 +95,11 @@ def identify_servo(project: Project) -> ServoIdentification:
     difference = rollout_difference(robot, mjcf, plant, fit.values, motions["train"][0].log, path.name)
     if difference > MAX_ROLLOUT_DIFFERENCE:
         raise ModelError(f"{path.name}: as written with the fitted values it moves differently, by {difference:.2g}.")
-    warnings += _fit_warnings(fit, plant)
+    warnings += [*_backlash_warnings(gaps, joints), *_fit_warnings(fit, plant)]
     files = [file for file in (project.sources.configuration, project.sources.model, *log_files(config)) if file]
     hashes = {file.path: file.sha256 for file in files}
     return ServoIdentification(
-        project.model.name, joints, fit, before, suspects, rollouts, mjcf, difference, tuple(warnings), hashes
+        project.model.name, joints, fit, before, suspects, gaps, rollouts, mjcf, difference, tuple(warnings), hashes
     )
 
 
@@ -101,7 +110,7 @@ def nominal_values(plant: ServoPlant, settings: ServoSettings) -> ServoValues:
     # an actuator that pulls to its command has the same gain on both, others say nothing of kp
     gain, pull = model.actuator_gainprm[plant.actuators, 0], -model.actuator_biasprm[plant.actuators, 1]
     file_kp = np.where(np.isclose(gain, pull) & (gain > 0), gain * plant.gear**2, np.nan)
-    kp = [kp if servo.kp == "estimate" else servo.kp for servo, kp in zip(servos, file_kp, strict=True)]
+    kp = [kp if servo.kp == "estimate" else servo.kp or 0.0 for servo, kp in zip(servos, file_kp, strict=True)]
     return ServoValues(
         armature=model.dof_armature[plant.dofs].copy(),
         damping=model.dof_damping[plant.dofs].reshape(len(servos), -1)[:, 0].copy(),
@@ -127,7 +136,7 @@ def choose_fit(
     entries = [Entry(quantity, k) for quantity in FRICTION for k in joints]
     entries += [Entry(Quantity.KP, k) for k in joints if free_kp[k]]
     entries += [Entry(Quantity.DELAY, 0)] if free_delay else []
-    fit = fit_values(plant, motions, start, entries)
+    motions, fit = fit_windows(plant, motions, start, entries)
     if settings.commands == "estimate" and _is_unexplained(fit, motions):
         motions, fit = _try_interpolated(plant, motions, nominal, fit)
     suspects: list[Entry] = []
@@ -138,8 +147,21 @@ def choose_fit(
             break
         suspects += proposed
         values = fit.values.changed(list(proposed), list(proposed.values()))
-        fit = fit_values(plant, motions, values, (*fit.entries, *proposed))
+        motions, fit = fit_windows(plant, motions, values, (*fit.entries, *proposed))
     return motions, fit, tuple(suspects)
+
+
+def fit_windows(
+    plant: ServoPlant, motions: Sequence[SmoothLog], values: ServoValues, entries: Sequence[Entry]
+) -> tuple[Sequence[SmoothLog], ServoFit]:
+    """Return recordings and fit from ``values``: in windows where torques are commanded, whose states are renewed."""
+    if not values.takes_torque.any():
+        return motions, fit_values(plant, motions, values, entries)
+    for _ in range(2):
+        motions = [split_into_windows(plant, motion, values) for motion in motions]
+        fit = fit_values(plant, motions, values, entries)
+        values = fit.values
+    return motions, fit
 
 
 def _is_unexplained(fit: ServoFit, motions: Sequence[SmoothLog]) -> bool:
@@ -155,13 +177,24 @@ def _try_interpolated(
     lines = [interpolate_commands(motion) for motion in motions]
     # from the beginning: values that were fitted to other commands may be at their limits
     start = start_values(plant, lines, nominal, free_delay=Entry(Quantity.DELAY, 0) in fit.entries)
-    other = fit_values(plant, lines, start, fit.entries)
+    lines, other = fit_windows(plant, lines, start, fit.entries)
     return (lines, other) if np.log(other.scale).sum() < np.log(fit.scale).sum() else (motions, fit)
 
 
 def interpolate_commands(motion: SmoothLog) -> SmoothLog:
     """Return a recording whose commands are interpolated."""
     return replace(motion, log=replace(motion.log, held=False))
+
+
+def _backlash_warnings(gaps: Sequence[Backlash], joints: Sequence[Joint]) -> Iterator[str]:
+    """Yield what is to be said of gaps."""
+    for gap in gaps:
+        joint, place = joints[gap.k], "in front of" if gap.output else "behind"
+        unit = "mm" if joint.kind == "prismatic" else "mrad"
+        yield (
+            f"joint {joint.name!r} has about {number(1e3 * gap.size, 2)} {unit} of backlash {place} its encoder, which "
+            "is not in the model: add it to your simulation, or mend the gear."
+        )
 
 
 def _fit_warnings(fit: ServoFit, plant: ServoPlant) -> Iterator[str]:
@@ -192,7 +225,7 @@ def read_servo_logs(project: Project) -> tuple[dict[str, list[ServoLog]], tuple[
     """
     config, joints, warnings = project.config, project.model.joints, list[str]()
     if not isinstance(config.simulation, ServoSettings):
-        raise ConfigError("simulation: the recordings of position servos need `kind: servo`.")
+        raise ConfigError("simulation: the recordings of servos need `kind: servo`.")
     logs: dict[str, list[ServoLog]] = {}
     for role in ("train", "validation"):
         logs[role], remarks = _servo_logs(getattr(config, role), config, config.simulation, joints)
@@ -204,22 +237,31 @@ def _servo_logs(
     specs: Sequence[LogSpec], config: Config, settings: ServoSettings, joints: Sequence[Joint]
 ) -> tuple[list[ServoLog], list[str]]:
     """Return recordings with their commands, and warnings on their positions."""
-    channels = {name: servo.command for name, servo in settings.joints.items()}
+    servos = settings.joints.items()
     # commands are read as positions of their own, in full: those before a window act in it
-    command_config = config.model_copy(
-        update={
-            "position": channels,
-            "gaps": "split",
-            "time": config.time.model_copy(update={"spacing": "stamps"}),
-        }
-    )
+    takes_torque = np.array([settings.joints[joint.name].kp is None for joint in joints])
+    efforts = {joint.name: joint.effort for joint in joints}
+    # each joint has a channel of both kinds, of which one is its command
+    updates = {
+        "position": {name: config.position[name] if servo.kp is None else servo.command for name, servo in servos},
+        "torque": {
+            name: servo.command.model_copy(update={} if servo.kp is None else {"unit": efforts[name], "gain": 0.0})
+            for name, servo in servos
+        },
+        "gaps": "split",
+        "time": config.time.model_copy(update={"spacing": "stamps"}),
+    }
+    command_config = config.model_copy(update=updates)
     logs, warnings = list[ServoLog](), list[str]()
     for spec in specs:
         report_progress(f"reading {spec.label}")
         reading = read_unchecked(spec, config, joints, read_recording, torque=False)
         full = spec.model_copy(update={"window": (), "exclude": ()})
         pieces = read_unchecked(full, command_config, joints, read_recording, torque=False).logs
-        t, command = np.concatenate([piece.t for piece in pieces]), np.vstack([piece.q for piece in pieces])
+        t, command = (
+            np.concatenate([piece.t for piece in pieces]),
+            np.vstack([np.where(takes_torque, piece.tau, piece.q) for piece in pieces]),
+        )
         warnings += reading.warnings
         for log in reading.logs:
             kinds = {joint.name: joint.kind for joint in joints}

@@ -47,10 +47,11 @@ class Entry(NamedTuple):
 
 
 class ServoValues(Noun):
-    """The values of an arm of n position servos, by joint (n) in SI, and the delay (s) from command to position.
+    """The values of an arm of n servos, by joint (n) in SI, and the delay (s) from command to position.
 
-    The torque of a joint is kp (command + command_offset - offset - q) - kd dq within +-limit. ``offset`` is what the
-    encoder shows too much, ``mass`` a factor on mass and inertia of the body that the joint moves.
+    The torque of a joint is kp (command + command_offset - offset - q) - kd dq within +-limit, and where kp is zero
+    command + command_offset - kd dq: a commanded torque. ``offset`` is what the encoder shows too much, ``mass`` a
+    factor on mass and inertia of the body that the joint moves.
     """
 
     armature: Array
@@ -66,8 +67,18 @@ class ServoValues(Noun):
 
     @property
     def shift(self) -> Array:
-        """What is added (n) to commands, which are in the frame of the encoders."""
-        return self.command_offset - self.offset
+        """What is added (n) to commands; those of positions are in the frame of the encoders."""
+        return self.command_offset - np.where(self.takes_torque, 0.0, self.offset)
+
+    @property
+    def takes_torque(self) -> NDArray[np.bool_]:
+        """Whether the command of a joint (n) is a torque."""
+        return np.asarray(self.kp == 0)
+
+    def drive_torques(self, command: Array, q: Array, dq: Array) -> Array:
+        """Return the torques (N, n) of the servos at encoder positions and speeds (N, n)."""
+        side = np.where(self.takes_torque, command + self.command_offset, self.kp * (command + self.command_offset - q))
+        return np.asarray(np.clip(side - self.kd * dq, -self.limit, self.limit))
 
     def entry(self, entry: Entry) -> float:
         """Return a number of the values."""

@@ -162,8 +162,8 @@ def bench_arm() -> ServoArm:
 
 
 def arms() -> dict[str, ServoArm]:
-    """Return arms of unlike kinds: the bench arm, one of heavy links, a geared stiff one, a noisy one, one
-    with wrong masses in its file, one at 30 Hz."""
+    """Return arms of unlike kinds: the bench arm, one of heavy links, a geared stiff one, a noisy one, one at 30 Hz,
+    one with backlash, one with wrong masses in its file."""
     bench = bench_arm()
     return {
         "bench": bench,
@@ -173,6 +173,7 @@ def arms() -> dict[str, ServoArm]:
             kp=150.0, limit=20.0, delay=0.012, count=COUNT / 16, noise=1e-4,
         ),
         "noisy": replace(bench, noise=3e-3, count=0.0, delay=0.028),
-        "masses": replace(bench, masses=np.array([1.1, 1.25, 0.8, 1.3, 0.9, 1.2])),
         "30 Hz": replace(bench, rate=30.0, delay=0.05),
+        "backlash": replace(bench, backlash=np.array([0.0, 0.0, 0.02, 0.0, 0.01, 0.0])),
+        "masses": replace(bench, masses=np.array([1.1, 1.25, 0.8, 1.3, 0.9, 1.2])),
     }  # fmt: skip

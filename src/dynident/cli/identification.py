@@ -282,13 +282,17 @@ def write_result(
 def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: bool) -> None:
     """Predict the torque of each LOG with the model in RESULT (the result.json of identify).
 
+    Of servos RESULT is servo.json, and it is positions that are predicted from the commands in LOG.
+
     LOG has the channels of the configuration that was identified; torques may be missing. Where the configuration
     names several files for a recording, LOG is key=file,key=file.
     """
     announce()
+    from dynident.apps.servo import predict_servos
+    from dynident.cli.servo import print_prediction
     from dynident.files.opener import refuse_inputs, remember_inputs
     from dynident.files.results import probe_folder, table_kind, write_table
-    from dynident.project.saved import load
+    from dynident.project.saved import is_servo_result, load
     from dynident.report.identification.validation import prediction_frame, prediction_table
     from dynident.runtime import ConfigError
 
@@ -301,6 +305,13 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: b
         refuse_inputs(out)
         probe_folder(out.parent)
     screen = console()
+    if is_servo_result(result):
+        with status():
+            prediction = predict_servos(result, logs, allow_code=allow_code)
+            if out:
+                refuse_inputs(out)
+        print_prediction(prediction, out)
+        return
     with status():
         report_progress("reading the result")
         saved = load(result, allow_code=allow_code)

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.servo.judge import ServoRollout, ServoUse
+from dynident.apps.servo.predict import ServoPrediction
 from dynident.apps.servo.run import ServoIdentification, entry_name
 from dynident.apps.servo.values import FRICTION, Entry, Quantity
+from dynident.project.result_format import SERVO_FORMAT
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, INK, curve, panels
 from dynident.report.page import UNIT, Badge, Column, Facts, Figure, Fold, Gallery, PageSection, PageTable, render
@@ -75,7 +77,7 @@ def parameter_table(result: ServoIdentification) -> PageTable:
     return PageTable(columns, tuple(rows), "Values by which the simulated positions are nearest to the measured ones")
 
 
-def rollout_table(result: ServoIdentification) -> PageTable:
+def rollout_table(result: ServoIdentification | ServoPrediction) -> PageTable:
     """Return the errors of rollouts by recording and joint, in mrad or mm."""
     rows = [
         (rollout.log.name, rollout.role, joint.name, *(number(1e3 * float(x[k]), 3) for x in _errors(rollout)))
@@ -171,6 +173,7 @@ def servo_dict(result: ServoIdentification) -> dict[str, Any]:
         for r in result.rollouts
     ]  # fmt: skip
     return {
+        "format": SERVO_FORMAT, "version": 1,
         "robot": result.name, "use": None if result.use is None else str(result.use),
         "joints": [joint.name for joint in result.joints], "parameters": rows, "rollouts": rollouts,
         "backlash": [
@@ -179,4 +182,6 @@ def servo_dict(result: ServoIdentification) -> dict[str, Any]:
         ],
         "converged": result.fit.converged, "written_model_difference": result.difference,
         "warnings": [*suspect_lines(result), *result.warnings], "files": result.hashes,
+        "configuration": {"path": result.configuration.path, "text": result.configuration.text},
+        "commands_held": result.held,
     }  # fmt: skip

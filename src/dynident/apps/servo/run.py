@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from dynident.apps.servo.start import MAX_DELAY, SmoothLog, smooth_servo_log, st
 from dynident.apps.servo.suspects import suspect_entries
 from dynident.apps.servo.values import FRICTION, Entry, Quantity, ServoValues
 from dynident.checks import check_log
+from dynident.identification import SourceFile
 from dynident.models import Joint
 from dynident.project.config import model_file
 from dynident.project.drive_settings import ServoSettings
@@ -35,7 +36,8 @@ class ServoIdentification(Noun):
 
     ``suspects`` were given, but contradict the log, and are fitted too; ``backlash`` is what a joint has and the model
     has not. ``mjcf`` is the robot file with the fitted
-    values, whose rollout is ``difference`` (rad, m) from that of the fit. ``hashes`` are the SHA-256 of all files read.
+    values, whose rollout is ``difference`` (rad, m) from that of the fit. ``hashes`` are the SHA-256 of all files read;
+    commands are ``held``, else interpolated.
     """
 
     name: str
@@ -49,6 +51,8 @@ class ServoIdentification(Noun):
     difference: float
     warnings: tuple[str, ...]
     hashes: dict[str, str]
+    configuration: SourceFile
+    held: bool
 
     @property
     def use(self) -> ServoUse | None:
@@ -58,6 +62,34 @@ class ServoIdentification(Noun):
         return ServoUse.CARE if self.backlash and use is ServoUse.GOOD else use
 
 
+@dataclass(frozen=True)
+class ServoArm:
+    """A robot file as it is simulated: its ``text`` as an MJCF, the ``plant``, and its ``nominal`` values."""
+
+    robot: RobotSettings
+    settings: ServoSettings
+    source: str
+    text: str
+    plant: ServoPlant
+    nominal: ServoValues
+
+    def with_gaps(self, ks: Sequence[int]) -> ServoPlant:
+        """Return the plant with gaps behind some joints."""
+        names = self.plant.joints
+        return load_plant(self.robot, self.text, names, self.source, [names[k] for k in ks])
+
+
+def load_servos(project: Project) -> ServoArm:
+    """Return the arm of a configuration; ConfigError where it is not of that kind, else as ``identify_servo``."""
+    settings, robot = project.config.simulation, project.config.model
+    path = model_file(robot, project.path.parent)
+    if not isinstance(settings, ServoSettings) or not isinstance(robot, RobotSettings) or path is None:
+        raise ConfigError("a servo arm has a robot file as its `model` and `simulation: { kind: servo }`.")
+    text = mjcf_text(path)
+    plant = load_plant(robot, text, [joint.name for joint in project.model.joints], path.name)
+    return ServoArm(robot, settings, path.name, text, plant, nominal_values(plant, settings))
+
+
 def identify_servo(project: Project) -> ServoIdentification:
     """Identify the arm of servos that a configuration describes, by simulating it in MuJoCo.
 
@@ -65,25 +97,17 @@ def identify_servo(project: Project) -> ServoIdentification:
     simulate the file, InputError where a log cannot be used.
     """
     import_mujoco()
-    config, joints = project.config, project.model.joints
-    settings, robot = config.simulation, config.model
-    path = model_file(robot, project.path.parent)
-    if not isinstance(settings, ServoSettings) or not isinstance(robot, RobotSettings) or path is None:
-        raise ConfigError("a servo arm has a robot file as its `model` and `simulation: { kind: servo }`.")
-    text = mjcf_text(path)
-    names = [joint.name for joint in joints]
-    plant = load_plant(robot, text, names, path.name)
+    arm = load_servos(project)
+    config, joints, plant, nominal = project.config, project.model.joints, arm.plant, arm.nominal
+    settings = arm.settings
     logs, remarks = read_servo_logs(project)
     motions = {role: [smooth_servo_log(log) for log in logs[role]] for role in logs}
     warnings = [*project.warnings, *remarks]
-    nominal = nominal_values(plant, settings)
     report_progress("looking for the delay")
     fitted, fit, suspects = choose_fit(plant, motions["train"], nominal, settings)
     held = fitted[0].log.held
     noise = np.max([position_noise(motion.log.q) for motion in fitted], axis=0)
-    gaps = find_backlash(
-        lambda ks: load_plant(robot, text, names, path.name, [names[k] for k in ks]), fitted, fit, noise
-    )
+    gaps = find_backlash(arm.with_gaps, fitted, fit, noise)
     motions = {role: [motion if held else interpolate_commands(motion) for motion in motions[role]] for role in motions}
     if not held and settings.commands == "estimate":
         warnings.append("commands are interpolated: so the positions are explained better than if each is held.")
@@ -91,15 +115,27 @@ def identify_servo(project: Project) -> ServoIdentification:
     kp = np.where(np.isnan(nominal.kp), fit.values.kp, nominal.kp)  # of a file that says nothing of it
     before = replace(nominal, delay=fit.values.delay, kp=kp)
     rollouts = tuple(roll_out(plant, motion, role, fit.values, before) for role in motions for motion in motions[role])
-    mjcf = write_mjcf(text, plant, fit.values)
-    difference = rollout_difference(robot, mjcf, plant, fit.values, motions["train"][0].log, path.name)
+    mjcf = write_mjcf(arm.text, plant, fit.values)
+    difference = rollout_difference(arm.robot, mjcf, plant, fit.values, motions["train"][0].log, arm.source)
     if difference > MAX_ROLLOUT_DIFFERENCE:
-        raise ModelError(f"{path.name}: as written with the fitted values it moves differently, by {difference:.2g}.")
+        raise ModelError(f"{arm.source}: as written with the fitted values it moves differently, by {difference:.2g}.")
     warnings += [*_backlash_warnings(gaps, joints), *_fit_warnings(fit, plant)]
     files = [file for file in (project.sources.configuration, project.sources.model, *log_files(config)) if file]
     hashes = {file.path: file.sha256 for file in files}
     return ServoIdentification(
-        project.model.name, joints, fit, before, suspects, gaps, rollouts, mjcf, difference, tuple(warnings), hashes
+        project.model.name,
+        joints,
+        fit,
+        before,
+        suspects,
+        gaps,
+        rollouts,
+        mjcf,
+        difference,
+        tuple(warnings),
+        hashes,
+        project.sources.configuration,
+        held,
     )
 
 

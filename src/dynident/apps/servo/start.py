@@ -108,7 +108,7 @@ def start_values(
     """
     rigid = [rigid_torques(plant, values, motion) for motion in motions]
     delays = np.arange(0.0, MAX_DELAY, DELAY_STEP) if free_delay else np.array([values.delay])
-    commands = [[_late_commands(motion, float(delay)) for motion in motions] for delay in delays]
+    commands = [[late_commands(motion, float(delay)) for motion in motions] for delay in delays]
     unknown = np.isnan(values.kp)
     if unknown.any():
         kp = max((_common_kp(motions, rigid, late, unknown) for late in commands), key=lambda pair: pair[1])[0]
@@ -124,7 +124,7 @@ def start_values(
     return replace(values, armature=armature, damping=damping, frictionloss=frictionloss, delay=delay)
 
 
-def _late_commands(motion: SmoothLog, delay: float) -> Array:
+def late_commands(motion: SmoothLog, delay: float) -> Array:
     """Return the commands (N, n) that act at the times of a motion, the mean of each step."""
     step = motion.t[1] - motion.t[0]
     return motion.log.commands_at(motion.t[0] - step / 2, step, len(motion.t), delay)

@@ -48,7 +48,7 @@ class Outcome:
         return {
             "parameters": errors.max(axis=1).tolist(), "delay": 1e3 * abs(self.delay - arm.delay),
             "rollout": 1e3 * rollout_error(arm, arm.text(nominal=True), self, seed), "cpu": self.cpu,
-            "held": list(self.held),
+            "held": [int(x) for x in self.held],
         }  # fmt: skip
 
 

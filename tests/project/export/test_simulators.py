@@ -71,7 +71,7 @@ def test_directives_weld_the_root_as_gravity_has_it():
     assert 'file: "package://dynident/robot.identified.drake.urdf"' in made.written.text
     assert any("gravity of 9.27362 m/s^2" in note for note in made.written.notes)
     (reader,) = DrakeDirectives.readers.values()
-    for wrong in (made.written.text.replace("deg: [", "deg: [1"), made.written.text.replace("arm::", "arm::x")):
+    for wrong in (made.written.text.replace("deg: [-12", "deg: [-13"), made.written.text.replace("arm::", "arm::x")):
         with pytest.raises(DynidentError, match="gravity differs"):
             reader(wrong, identified(), STATES)
 

@@ -90,7 +90,7 @@ def _largest_share(swing: Array, limits: MotionLimits) -> Array:
     speed = np.gradient(swing, 1 / FINE_RATE, axis=0)
     rate = np.gradient(speed, 1 / FINE_RATE, axis=0)
     shares = [np.abs(x).max(axis=0) / limit for x, limit in ((speed, limits.velocity), (rate, limits.acceleration))]
-    return np.maximum(np.max(shares, axis=0), 1.0)
+    return np.asarray(np.maximum(np.max(shares, axis=0), 1.0))
 
 
 def command_csv(chirp: Chirp) -> str:

@@ -182,6 +182,8 @@ def servo_dict(result: ServoIdentification) -> dict[str, Any]:
         ],
         "converged": result.fit.converged, "written_model_difference": result.difference,
         "warnings": [*suspect_lines(result), *result.warnings], "files": result.hashes,
-        "configuration": {"path": result.configuration.path, "text": result.configuration.text},
+        "configuration": result.configuration and {
+            "path": result.configuration.path, "text": result.configuration.text
+        },
         "commands_held": result.held,
     }  # fmt: skip

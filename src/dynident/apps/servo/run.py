@@ -51,7 +51,7 @@ class ServoIdentification(Noun):
     difference: float
     warnings: tuple[str, ...]
     hashes: dict[str, str]
-    configuration: SourceFile
+    configuration: SourceFile | None
     held: bool
 
     @property
@@ -194,10 +194,10 @@ def fit_windows(
     if not values.takes_torque.any():
         return motions, fit_values(plant, motions, values, entries)
     for _ in range(2):
-        motions = [split_into_windows(plant, motion, values) for motion in motions]
-        fit = fit_values(plant, motions, values, entries)
+        windows = [split_into_windows(plant, motion, values) for motion in motions]
+        fit = fit_values(plant, windows, values, entries)
         values = fit.values
-    return motions, fit
+    return windows, fit
 
 
 def _is_unexplained(fit: ServoFit, motions: Sequence[SmoothLog]) -> bool:
@@ -210,7 +210,7 @@ def _try_interpolated(
 ) -> tuple[Sequence[SmoothLog], ServoFit]:
     """Return recordings and fit with commands that are interpolated, where these explain the positions better."""
     report_progress("trying interpolated commands")
-    lines = [interpolate_commands(motion) for motion in motions]
+    lines: Sequence[SmoothLog] = [interpolate_commands(motion) for motion in motions]
     # from the beginning: values that were fitted to other commands may be at their limits
     start = start_values(plant, lines, nominal, free_delay=Entry(Quantity.DELAY, 0) in fit.entries)
     lines, other = fit_windows(plant, lines, start, fit.entries)

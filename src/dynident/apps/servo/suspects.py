@@ -78,7 +78,7 @@ def choose_columns(
         total_gain += (1 - total_gain) * gains[best]
         fitted.append(best)
     changes = -np.linalg.lstsq(columns[:, fitted], weighted.ravel(), rcond=None)[0][p:]
-    return [k - p for k in fitted[p:]], changes, total_gain
+    return [k - p for k in fitted[p:]], np.asarray(changes, dtype=float), total_gain
 
 
 def _matters(plant: ServoPlant, fit: ServoFit, entry: Entry) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ MIN_SIZE, MAX_SIZE = 2e-3, 0.3  # rad: what is smaller is not told from other er
 MIN_GAIN = 0.03  # share of the squared error that a gap must explain
 MIN_SCORE = 1.0  # standard errors of its score: a gap that is crossed once or twice has hardly more
 MIN_NOISE_RATIO = 1.1  # of residuals to noise, below which there is nothing to explain
+MIN_ROTOR = 1e-5  # kg m^2: without inertia of its own a motor in front of a gap has no motion
 GAP_DAMPING = 1e-3  # N m s, of the oil in the gap
 HARD_STOP = (0.99, 0.999, 1e-3, 0.5, 2.0)  # MuJoCo's impedance of the flanks
 SUFFIX = " (gap)"  # of the joint of a gap
@@ -44,13 +46,15 @@ def add_gaps(spec: Any, joints: Sequence[str]) -> None:
         )  # fmt: skip
         gap.solref_limit = [2 * spec.option.timestep, 1.0]
         gap.damping[0] = GAP_DAMPING
+        joint.armature = max(float(joint.armature), MIN_ROTOR)
 
 
 def rollout_with_gaps(
     plant: ServoPlant, values: ServoValues, gaps: Sequence[Backlash], log: ServoLog, speeds: Array
 ) -> Array:
     """Return the positions that the encoders show (N, n), of a plant whose model has these gaps."""
-    mujoco, model, ks = import_mujoco(), plant.with_values(values), [gap.k for gap in gaps]
+    mujoco, ks = import_mujoco(), [gap.k for gap in gaps]
+    model = plant.with_values(replace(values, armature=np.maximum(values.armature, MIN_ROTOR)))
     ids = [model.joint(plant.joints[k] + SUFFIX).id for k in ks]
     model.jnt_range[ids] = np.outer([gap.size for gap in gaps], [-0.5, 0.5])
     places, behind, data = model.jnt_qposadr[ids], np.array([gap.output for gap in gaps]), mujoco.MjData(model)

@@ -15,6 +15,7 @@ from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 MAX_DROP = 2.0  # of a logarithm, in one step
+MAX_RISE, RETURN_VALUE = 3.0, 0.1  # factor in one step, and SI, to which a value near zero may come back in one
 MIN_VALUE = 1e-8  # SI: of what is positive; it stands for zero
 
 
@@ -103,7 +104,10 @@ class ServoValues(Noun):
             number = self.entry(entry)
             if entry.quantity.positive:
                 # up by the share, so that a value near zero comes back at once; down by a logarithm
-                number = max(number * (1 + step if step > 0 else math.exp(max(step, -MAX_DROP))), MIN_VALUE)
+                if step > 0:
+                    number = min(number * (1 + step), max(MAX_RISE * number, RETURN_VALUE))
+                else:
+                    number = max(number * math.exp(max(step, -MAX_DROP)), MIN_VALUE)
             else:
                 number += step
             numbers.append(number)

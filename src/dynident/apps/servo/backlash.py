@@ -91,7 +91,8 @@ def find_backlash(
             log = motion.log
             simulated = rollout_with_gaps(plant, fit.values, gaps, log, motion.speeds)
             parts.append((simulated - log.q)[log.t > log.t[0] + SETTLING])
-        return np.vstack(parts)
+        moved = np.vstack(parts)
+        return moved if np.isfinite(moved).all() else fit.residuals  # where it diverges, a gap explains nothing
 
     def accepts(k: int, change: float) -> bool:  # noqa: ARG001 - a size is asked alike of all joints
         return MIN_SIZE < change < MAX_SIZE

@@ -119,14 +119,19 @@ def measure(name: str, method: str, seed: int) -> dict[str, Any]:
     return sysid(arm, seed, DURATION).figures(arm, seed)
 
 
+def two_digits(x: float) -> str:
+    """Return a figure to two digits, without an exponent."""
+    return f"{x:.0f}" if x >= 100 else f"{x:.2g}" if x > 1e-4 else "0"
+
+
 def table(kept: dict[str, Any]) -> str:
     """Return the table of the page, of the first seed, and how often the intervals of all seeds hold."""
     rows = []
     for name, method in ((name, method) for name in PEER_ARMS for method in METHODS):
         row = kept.get(f"{name}, {method}, 1")
         if row is not None:
-            values = " / ".join(f"{x:.2g}" for x in row["parameters"])
-            numbers = (values, f"{row['delay']:.2g}", f"{row['rollout']:.2g}", f"{row['cpu']:.0f}")
+            values = " / ".join(map(two_digits, row["parameters"]))
+            numbers = (values, two_digits(row["delay"]), two_digits(row["rollout"]), f"{row['cpu']:.0f}")
             rows.append((name if method == METHODS[0] else "", method, *numbers))
     held = np.sum([row["held"] for key, row in kept.items() if "dynident" in key and "backlash" not in key], axis=0)
     head = ("arm", "method", "parameters, %", "delay, ms", "rollout, mrad", "CPU, s")

@@ -1,8 +1,10 @@
-"""Servo arms from commands and positions, delay unknown: PYTHON servo.py [ARM ...] [--peers] [--seeds N].
+"""Servo arms from commands and positions, delay unknown: PYTHON servo.py [ARM ...] [--peers] [--seeds N] [--page].
 
 For each simulated arm (servo_arm.py): the largest error of armature, damping and frictionloss, that of the delay, the
 held-out rollout against the truth (root mean square of all joints), how often the 95 % intervals hold the truth, and
-seconds of CPU. With --peers also mujoco.sysid (the extra mujoco[sysid]), which is run once for each delay of a scan.
+seconds of CPU. With --peers also mujoco.sysid (the extra mujoco[sysid]), which is run once for each delay of a scan,
+and CMA-ES as PACE uses it. Figures are kept in out/servo.json as they come, and what is there is not measured again;
+--page writes them into docs/servo.md.
 """
 
 from __future__ import annotations
@@ -17,10 +19,15 @@ from typing import Any
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from page_tables import DOCS, OUT, filled, markdown, read_figures, write_figures
 from servo_arm import NAMES, ServoArm, arms, held_means, simulate
 
 Array = NDArray[np.float64]
 KINDS = ("armature", "damping", "frictionloss")
+PAGE, FIGURES = DOCS / "servo.md", OUT / "servo.json"
+PEER_ARMS = ("heavy", "geared", "noisy", "30 Hz", "backlash")
+METHODS = ("dynident", "mujoco.sysid", "CMA-ES")
+DURATION = 15.0  # s, of the recordings
 SCAN = np.arange(0.0, 0.06, 0.01)  # s, delays that a peer is given
 
 
@@ -34,15 +41,15 @@ class Outcome:
     held: tuple[int, int] = (0, 0)
     text: str = ""  # the file that it wrote, else that of the arm with its values
 
-    def line(self, arm: ServoArm, text: str, seed: int) -> str:
-        """Return the figures in words."""
+    def figures(self, arm: ServoArm, seed: int) -> dict[str, Any]:
+        """Return the figures by name."""
         true = np.array([arm.armature, arm.damping, arm.frictionloss])
         errors = 100 * np.abs(self.values / true - 1)
-        rollout = 1e3 * rollout_error(arm, text, self, seed)
-        held = f", intervals hold {self.held[0]} of {self.held[1]}" if self.held[1] else ""
-        worst = " / ".join(f"{row.max():.2f}" for row in errors)
-        delay = 1e3 * abs(self.delay - arm.delay)
-        return f"parameters {worst} %, delay {delay:.3f} ms, rollout {rollout:.3f} mrad, CPU {self.cpu:.1f} s{held}"
+        return {
+            "parameters": errors.max(axis=1).tolist(), "delay": 1e3 * abs(self.delay - arm.delay),
+            "rollout": 1e3 * rollout_error(arm, arm.text(nominal=True), self, seed), "cpu": self.cpu,
+            "held": [int(x) for x in self.held],
+        }  # fmt: skip
 
 
 def with_values(text: str, values: Array) -> Any:
@@ -58,7 +65,7 @@ def with_values(text: str, values: Array) -> Any:
 
 def rollout_error(arm: ServoArm, text: str, outcome: Outcome, seed: int) -> float:
     """Return the root mean square (rad) of the rollout of a held-out recording from its true positions."""
-    t, command, _, truth = arm.record(1000 + seed)
+    t, command, _, truth = arm.record(1000 + seed, DURATION)
     model = with_values(outcome.text or text, outcome.values)
     step = model.opt.timestep
     grid = np.arange(0.0, t[-1] + step, step)
@@ -79,7 +86,7 @@ def dynident(arm: ServoArm, seed: int) -> Outcome:
         folder = Path(place)
         (folder / "arm.xml").write_text(arm.text(nominal=True))
         for name, run in (("monday", seed), ("tuesday", 500 + seed)):
-            t, command, q, _ = arm.record(run)
+            t, command, q, _ = arm.record(run, DURATION)
             head = ",".join(["time", *(f"cmd_{x}" for x in NAMES), *(f"pos_{x}" for x in NAMES)])
             rows = np.column_stack([t, command, q])
             np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header=head, comments="")
@@ -92,10 +99,46 @@ def dynident(arm: ServoArm, seed: int) -> Outcome:
     truth = {"delay": [arm.delay], **{kind: getattr(arm, kind) for kind in KINDS}}
     stds = [(e, float(s)) for e, s in zip(fit.entries, fit.std, strict=True) if e.quantity in truth]
     held = sum(abs(fit.values.entry(e) - truth[e.quantity][e.k]) <= 1.96 * s for e, s in stds)
-    if result.suspects:
-        print("   suspects:", [(str(e.quantity), NAMES[e.k]) for e in result.suspects])
+    for line in result.warnings:
+        print(f"   {line}")
     values = np.array([getattr(fit.values, kind) for kind in KINDS])
     return Outcome(values, fit.values.delay, cpu, (held, len(stds)), result.mjcf)
+
+
+def measure(name: str, method: str, seed: int) -> dict[str, Any]:
+    """Return the figures of a method on an arm."""
+    arm = arms()[name]
+    if method == "dynident":
+        return dynident(arm, seed).figures(arm, seed)
+    if method == "CMA-ES":
+        from servo_cma import evolve
+
+        return evolve(arm, seed, DURATION).figures(arm, seed)
+    from servo_peers import sysid
+
+    return sysid(arm, seed, DURATION).figures(arm, seed)
+
+
+def two_digits(x: float) -> str:
+    """Return a figure to two digits, without an exponent."""
+    return f"{x:.0f}" if x >= 100 else f"{x:.2g}" if x > 1e-4 else "0"
+
+
+def table(kept: dict[str, Any]) -> str:
+    """Return the table of the page, of the first seed, and how often the intervals of all seeds hold."""
+    rows = []
+    for name, method in ((name, method) for name in PEER_ARMS for method in METHODS):
+        row = kept.get(f"{name}, {method}, 1")
+        if row is not None:
+            values = " / ".join(map(two_digits, row["parameters"]))
+            numbers = (values, two_digits(row["delay"]), two_digits(row["rollout"]), f"{row['cpu']:.0f}")
+            rows.append((name if method == METHODS[0] else "", method, *numbers))
+    held = np.sum([row["held"] for key, row in kept.items() if "dynident" in key and "backlash" not in key], axis=0)
+    head = ("arm", "method", "parameters, %", "delay, ms", "rollout, mrad", "CPU, s")
+    share = (
+        f"{100 * held[0] / held[1]:.0f} % of {held[1]} intervals of dynident of 95 % hold the truth" if held[1] else ""
+    )
+    return f"{markdown(head, rows)}\n\n{share}, over all arms without backlash and all seeds."
 
 
 def main() -> None:
@@ -104,21 +147,20 @@ def main() -> None:
     parser.add_argument("arms", nargs="*")
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--peers", action="store_true")
+    parser.add_argument("--page", action="store_true", help="write the kept figures into docs/servo.md")
     given = parser.parse_args()
-    table = arms()
-    for name in given.arms or table:
-        arm = table[name]
-        text = arm.text(nominal=True)
-        held = np.zeros(2, dtype=int)
-        for seed in range(1, given.seeds + 1):
-            outcome = dynident(arm, seed)
-            held += outcome.held
-            print(f"{name}, seed {seed}: dynident {outcome.line(arm, text, seed)}", flush=True)
-        print(f"{name}: intervals hold {100 * held[0] / held[1]:.0f} % of {held[1]}", flush=True)
-        if given.peers:
-            from servo_peers import sysid
-
-            print(f"{name}: mujoco.sysid {sysid(arm, 1).line(arm, text, 1)}", flush=True)
+    kept = read_figures(FIGURES)
+    methods = METHODS if given.peers else METHODS[:1]
+    names = given.arms or (PEER_ARMS if given.peers else list(arms()))
+    for method, name in ((method, name) for method in methods for name in names):
+        for seed in range(1, (given.seeds if method == "dynident" else 1) + 1):
+            key = f"{name}, {method}, {seed}"
+            if key not in kept:
+                kept[key] = measure(name, method, seed)
+                write_figures(kept, FIGURES)
+            print(key, {k: np.round(x, 3).tolist() for k, x in kept[key].items()}, flush=True)
+    if given.page:
+        PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), {"servos": table(kept)}), encoding="utf-8")
 
 
 if __name__ == "__main__":

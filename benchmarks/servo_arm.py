@@ -16,6 +16,7 @@ CENTRES = ("0 0 0.03", "0.06 0 0.01", "0.07 0 0", "0.03 0 0", "0.01 0.005 0", "0
 MASSES = (0.16, 0.11, 0.10, 0.09, 0.05, 0.02)  # kg
 SPREAD = (60e-6, 90e-6, 80e-6, 30e-6, 15e-6, 6e-6)  # kg m^2, about the centre of mass
 PERIOD = 0.01  # s, of commands and log
+STEP, GAP_STEP = 0.002, 0.0005  # s, of the simulation; of arms with gaps
 COUNT = 2 * np.pi / 4096  # rad, of a 12-bit encoder
 
 
@@ -35,9 +36,12 @@ class ServoArm:
     rate: float = 100.0
     masses: Array | None = None  # (6), factors of the true masses
     density: float = 1.0  # factor on all masses, true and in the file
+    backlash: Array | None = None  # (6), rad: gaps between motors and links, which the file does not have
+    encoder: str = "output"  # side of the gap on which positions are measured and controlled, or "motor"
 
     def text(self, *, nominal: bool, kp: float | None = None) -> str:
         """Return the MJCF of the arm, with the true or the nominal values."""
+        gaps = np.zeros(6) if nominal or self.backlash is None else self.backlash
         factors = self.nominal if nominal else np.ones((3, 6))
         values = factors * np.array([self.armature, self.damping, self.frictionloss])
         masses = self.density * np.array(MASSES) * (1.0 if nominal or self.masses is None else self.masses)
@@ -46,20 +50,17 @@ class ServoArm:
             armature, damping, frictionloss = values[:, k]
             inertia = " ".join([f"{self.density * SPREAD[k]:g}"] * 3)
             opening += (
-                (
-                    f'<body name="{name}_link" pos="{PLACES[k]}"><joint name="{name}" axis="{AXES[k]}" '
-                    f'armature="{armature:.9g}" damping="{damping:.9g}" frictionloss="{frictionloss:.9g}"/>'
-                    f'<inertial pos="{CENTRES[k]}" mass="{masses[k]:.9g}" diaginertia="{inertia}"/>\n'
-                )
-                .replace("np.float64(", "")
-                .replace(")", "")
+                f'<body name="{name}_link" pos="{PLACES[k]}"><joint name="{name}" axis="{AXES[k]}" '
+                f'armature="{armature:.9g}" damping="{damping:.9g}" frictionloss="{frictionloss:.9g}"/>'
+                f"{_gap(name, AXES[k], gaps[k])}"
+                f'<inertial pos="{CENTRES[k]}" mass="{masses[k]:.9g}" diaginertia="{inertia}"/>\n'
             )
             closing += "</body>"
             bounds = f"-{self.limit} {self.limit}"
             actuators += f'<position name="{name}" joint="{name}" kp="{kp or self.kp}" forcerange="{bounds}"/>\n'
         return (
             '<mujoco model="six_servos"><compiler angle="radian"/>\n'
-            '<option timestep="0.002" integrator="implicitfast"/>\n'
+            f'<option timestep="{GAP_STEP if gaps.any() else STEP}" integrator="implicitfast"/>\n'
             f"<worldbody>\n{opening}{closing}\n</worldbody>\n<actuator>\n{actuators}</actuator></mujoco>\n"
         )
 
@@ -75,24 +76,50 @@ class ServoArm:
         grid = np.arange(0.0, duration, step)
         # held, and late: of a command that comes within a step of the simulation, its share of the step
         edges = np.append(grid, grid[-1] + step) - self.delay
-        q = simulate(model, held_means(t, command, edges), command[0])
+        q = simulate(model, held_means(t, command, edges), command[0], outputs=self.encoder == "output")
         truth = np.column_stack([np.interp(t, grid, column) for column in q.T])
         measured = truth + self.noise * rng.standard_normal(truth.shape)
         return t, command, np.round(measured / self.count) * self.count if self.count else measured, truth
 
 
-def simulate(model: Any, control: Array, start: Array) -> Array:
-    """Return the positions (N, n) before each step of a simulation by MuJoCo, from rest at ``start``."""
+def _gap(name: str, axis: str, size: float) -> str:
+    """Return the joint of a gear's gap, which moves freely within its size (rad)."""
+    bound = 0.5 * float(size)
+    return (
+        f'<joint name="{name}_gap" axis="{axis}" limited="true" range="{-bound:.9g} {bound:.9g}" damping="0.002" '
+        'solreflimit="0.002 1" solimplimit="0.99 0.999 0.001"/>'
+        if size
+        else ""
+    )
+
+
+def simulate(model: Any, control: Array, start: Array, *, outputs: bool = True) -> Array:
+    """Return the positions (N, n) before each step of a simulation by MuJoCo, from rest at ``start``.
+
+    Behind a gap it is the ``outputs`` whose positions are measured and controlled, or the motors.
+    """
     import mujoco
 
     data = mujoco.MjData(model)
-    data.qpos[:] = start
+    motors, gaps = (
+        [[k, model.joint(f"{name}{ending}").qposadr[0]] for k, name in enumerate(NAMES) if _has(model, name + ending)]
+        for ending in ("", "_gap")
+    )
+    motor, gap = np.array(motors), np.array(gaps if outputs else [], dtype=int).reshape(-1, 2)
+    data.qpos[motor[:, 1]] = start
     q = np.empty(control.shape)
     for k, row in enumerate(control):
-        q[k] = data.qpos
+        q[k] = data.qpos[motor[:, 1]]
         data.ctrl[:] = row
+        if len(gap):
+            q[k, gap[:, 0]] += data.qpos[gap[:, 1]]
+            data.ctrl[gap[:, 0]] -= data.qpos[gap[:, 1]]
         mujoco.mj_step(model, data)
     return q
+
+
+def _has(model: Any, joint: str) -> bool:
+    return any(model.joint(k).name == joint for k in range(model.njnt))
 
 
 def held_means(t: Array, command: Array, edges: Array) -> Array:
@@ -135,8 +162,8 @@ def bench_arm() -> ServoArm:
 
 
 def arms() -> dict[str, ServoArm]:
-    """Return arms of unlike kinds: the bench arm, one of heavy links, a geared stiff one, a noisy one, one
-    with wrong masses in its file, one at 30 Hz."""
+    """Return arms of unlike kinds: the bench arm, one of heavy links, a geared stiff one, a noisy one, one at 30 Hz,
+    one with backlash, one with wrong masses in its file."""
     bench = bench_arm()
     return {
         "bench": bench,
@@ -146,6 +173,7 @@ def arms() -> dict[str, ServoArm]:
             kp=150.0, limit=20.0, delay=0.012, count=COUNT / 16, noise=1e-4,
         ),
         "noisy": replace(bench, noise=3e-3, count=0.0, delay=0.028),
-        "masses": replace(bench, masses=np.array([1.1, 1.25, 0.8, 1.3, 0.9, 1.2])),
         "30 Hz": replace(bench, rate=30.0, delay=0.05),
+        "backlash": replace(bench, backlash=np.array([0.0, 0.0, 0.02, 0.0, 0.01, 0.0])),
+        "masses": replace(bench, masses=np.array([1.1, 1.25, 0.8, 1.3, 0.9, 1.2])),
     }  # fmt: skip

@@ -23,9 +23,9 @@ ROUGH_STEPS, STEPS = 6, 10
 DIFFERENCE = 1e-5
 
 
-def sysid(arm: ServoArm, seed: int) -> Outcome:
+def sysid(arm: ServoArm, seed: int, duration: float) -> Outcome:
     """Return what the tool finds with the best delay of a scan, and the CPU of all its runs."""
-    t, command, q, _ = arm.record(seed)
+    t, command, q, _ = arm.record(seed, duration)
     text = arm.text(nominal=True)
     start = time.process_time()
     rough = {float(delay): _fit(text, t, command, q, float(delay), ROUGH_STEPS) for delay in SCAN}

@@ -7,9 +7,10 @@ import click
 from dynident.cli.comparison import compare, compare_results, fleet
 from dynident.cli.demo import demo, reproduce
 from dynident.cli.failures import Commands
-from dynident.cli.identification import export, identify, init, predict
+from dynident.cli.identification import export, identify, init
 from dynident.cli.logs import bound, check, schema, smooth
 from dynident.cli.options import add_common_options, add_output_options
+from dynident.cli.prediction import predict
 from dynident.cli.robot import excite, payload, tune, watch
 
 

@@ -1,4 +1,4 @@
-"""From files to a model: ``dynident init``, ``identify``, ``predict`` and ``export``."""
+"""From files to a model: ``dynident init``, ``identify`` and ``export``."""
 
 from __future__ import annotations
 
@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from dynident.identification import Identification
     from dynident.project.export import Export
     from dynident.project.project import Project
-    from dynident.report.words import Line
-    from dynident.validation import LogValidation
 
 MAX_WARNINGS = 3  # of a fit; the others by --verbose
 
@@ -272,71 +270,6 @@ def write_result(
     # the models of an earlier run would pass for this one's
     paths = folder.replace(files, removed=model_files(folder.path / "result.json", identification.provenance))
     return [(kinds[path.name], path) for path in paths]
-
-
-@click.command(short_help="Predict the torque of recordings from a saved result.")
-@click.argument("result", type=RESULT)
-@click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=LOG_NAME)
-@click.option("--out", type=FILE, help="Table of measured and predicted torques (.csv or .parquet).")
-@ALLOW_CODE
-def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: bool) -> None:
-    """Predict the torque of each LOG with the model in RESULT (the result.json of identify).
-
-    LOG has the channels of the configuration that was identified; torques may be missing. Where the configuration
-    names several files for a recording, LOG is key=file,key=file.
-    """
-    announce()
-    from dynident.files.opener import refuse_inputs, remember_inputs
-    from dynident.files.results import probe_folder, table_kind, write_table
-    from dynident.project.saved import load
-    from dynident.report.identification.validation import prediction_frame, prediction_table
-    from dynident.runtime import ConfigError
-
-    if out:
-        table_kind(out)
-        remember_inputs(result)
-        for text in logs:
-            for file in (text, *(part.rpartition("=")[2] for part in text.split(","))):
-                remember_inputs(file)
-        refuse_inputs(out)
-        probe_folder(out.parent)
-    screen = console()
-    with status():
-        report_progress("reading the result")
-        saved = load(result, allow_code=allow_code)
-        if out:
-            refuse_inputs(out)
-        predictions, warnings = _predict_logs(saved, logs, allow_code)
-    for line in warnings:
-        say_line(screen, line)
-    measured = [validation for validation, has_torque in predictions if has_torque]
-    if measured:
-        screen.show(prediction_table(measured, saved.model.joints))
-    unknown = [validation.name for validation, has_torque in predictions if not has_torque]
-    if unknown and not out:
-        raise ConfigError(f"{', '.join(unknown)}: there are no torques to compare with; give --out a file.")
-    if out:
-        print_path(screen, "Torques", write_table(out, prediction_frame(predictions)))
-
-
-def _predict_logs(
-    saved: Identification, logs: tuple[str, ...], allow_code: bool
-) -> tuple[list[tuple[LogValidation, bool]], list[Line]]:
-    """Return the prediction of every log, with whether its torques are known, and the warnings of reading."""
-    from dynident.identification import substitute_notes
-    from dynident.project.saved import read_log_like
-    from dynident.report.words import Line, note_lines
-    from dynident.runtime import Severity
-
-    predictions, warnings = [], []
-    for text in logs:
-        report_progress(f"predicting {text}")
-        reading = read_log_like(saved, text, allow_code=allow_code)
-        warnings += [Line(f"Warning: {words}", Severity.WARNING) for words in reading.warnings]
-        validations = [saved.predict(log) for log in reading.logs]
-        warnings += note_lines(substitute_notes(validations))
-        predictions += [(validation, reading.measured) for validation in validations]
-    return predictions, warnings
 
 
 class _Format(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic in newer versions

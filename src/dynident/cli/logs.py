@@ -69,8 +69,10 @@ def _examine_file(path: Path, json_file: Path | None) -> CheckResult:
 
     Raises ConfigError where the findings would replace a file that is named in it.
     """
+    from dynident.apps.servo import examine_servos
     from dynident.files.opener import file_status, refuse_inputs
     from dynident.files.xml_text import SUFFIXES
+    from dynident.project.drive_settings import ServoSettings
     from dynident.project.project import read_project
     from dynident.runtime import DynidentError, InputError
 
@@ -83,6 +85,8 @@ def _examine_file(path: Path, json_file: Path | None) -> CheckResult:
         return _unusable_result(error)
     refuse_inputs(*filter(None, [json_file]))
     try:
+        if isinstance(project.config.simulation, ServoSettings):
+            return examine_servos(project)
         return project.examine()
     except DynidentError as error:
         return _unusable_result(error)

@@ -50,6 +50,10 @@ POSITIVE = FiniteRange(0, min_open=True)
     "--program", type=click.Choice(PROGRAMS),
     help="An optimised motion, constant speeds of each joint, poses for gravity, or all of these.",
 )  # fmt: skip
+@click.option(
+    "--for", "purpose", type=click.Choice(["torque", "servo"]), default="torque", show_default=True,
+    help="Logs of torques; or of servos: chirps as commands (CSV), and the configuration that reads them.",
+)  # fmt: skip
 @click.option("--duration", type=POSITIVE, metavar="S", help="Longest duration, with approach and return.")
 @click.option("--criterion", type=click.Choice(["d", "a", "condition"]), help="What is optimised.")
 @click.option("--parameter", multiple=True, metavar="NAME", help="Parameter that matters (criterion a); repeat it.")
@@ -71,7 +75,7 @@ POSITIVE = FiniteRange(0, min_open=True)
 @add_worker_options
 def excite(
     robot: Path, out: Path, settings: Path | None, parameter: tuple[str, ...], package: tuple[Path, ...],
-    noise: tuple[str, ...], allow_code: bool, spread: WorkerOptions, **options: Any,
+    noise: tuple[str, ...], purpose: str, allow_code: bool, spread: WorkerOptions, **options: Any,
 ) -> None:  # fmt: skip
     """Design the motion that determines the parameters of ROBOT best within its limits, and another one for validation.
     The report predicts how accurate a result will be.
@@ -92,12 +96,16 @@ def excite(
     from dynident.apps.excitation.robot import read_excitation
     from dynident.apps.excitation.run import CONFIG as DRAFT
     from dynident.apps.excitation.run import refuse_targets, write_design
+    from dynident.cli.servo import write_chirps
     from dynident.files.folder import result_folder
 
     changes = {name: value for name, value in options.items() if value is not None}
     changes |= {"parameters": list(parameter), "criterion": "a"} if parameter else {}
     changes |= {"packages": list(package)} if package else {}
     changes |= {} if (size := parse_noise("--noise", noise)) is None else {"noise": size}
+    if purpose == "servo":
+        write_chirps(robot, out, settings, changes, allow_code=allow_code)
+        return
     with result_folder(out) as folder, status():
         ready = partial(refuse_targets, folder.path)
         project = read_excitation(robot, settings, changes, ready=ready, allow_code=allow_code)

@@ -11,6 +11,8 @@ from pydantic_core import PydanticCustomError
 from dynident.models import Joint
 from dynident.project.fields import (
     POSITIONS,
+    TORQUES,
+    UNITS,
     VELOCITIES,
     Amount,
     Angle,
@@ -135,19 +137,45 @@ class TorqueInputSettings(Section):
 
 
 class ServoJoint(Section):
-    """The position servo of a joint: torque = kp (command - q) - kd dq within +-limit (N m, N); kp may be sought.
+    """The servo of a joint: torque = kp (command - q) - kd dq within +-limit (N m, N); kp may be sought.
 
-    What ``kd`` damps acts as the joint's own damping does, so that it is given, not sought.
+    Without ``kp`` the command is the torque. What ``kd`` damps acts as the joint's own damping does, so that it is
+    given, not sought.
     """
 
     command: Angle
-    kp: Positive | Literal["estimate"]
+    kp: Positive | Literal["estimate"] | None = None
     kd: NonNegative = 0.0
     limit: Positive | None = None
 
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_integral(cls, data: Any) -> Any:
+        if isinstance(data, Mapping) and "ki" in data:
+            words = (
+                "`ki`: MuJoCo, which simulates the servos, has no actuator with an integral of the error; leave it out "
+                "where it hardly acts, or log the torque that is commanded and give that as `command`, without `kp`"
+            )
+            raise PydanticCustomError("words", "{words}", {"words": words})
+        return data
+
+    @model_validator(mode="after")
+    def _check_gain(self) -> Self:
+        is_torque = any(self.command.unit in UNITS[dimension] for dimension in TORQUES.values())
+        if self.kp is None and not is_torque:
+            raise ValueError(f"needs `kp` for a command in {self.command.unit}, a number or `estimate`")
+        if self.kp is not None and is_torque:
+            raise ValueError(f"`kp` is that of a commanded position; leave it out for a command in {self.command.unit}")
+        return self
+
+    @property
+    def dimensions(self) -> Mapping[str, str]:
+        """What the command is, by the kind of the joint."""
+        return TORQUES if self.kp is None else POSITIONS
+
 
 class ServoSettings(Section):
-    """Position servos, whose commands stand for the torques: these are not in the logs.
+    """Servos, whose commands of positions or torques stand for the torques: these are not in the logs.
 
     Commands are ``held`` until the next one, or interpolated, or as the logs say; ``delay`` (s) lies between a command
     and the position that answers it.

@@ -173,7 +173,9 @@ def read_unchecked(
     """Read one recording as ``read_logs`` does, without checking its logs."""
     check_joints(config, joints)
     if torque and isinstance(config.simulation, ServoSettings):
-        raise ConfigError("simulation: logs of servos have no torque, which this needs; use `dynident identify`.")
+        raise ConfigError(
+            "simulation: logs of servos have no torque, which this needs; use `dynident identify` or `dynident check`."
+        )
     table = read(spec, column_names(config, spec))
     recording = signals(table, config, joints, measured=torque or has_torques(table, config, joints))
     drive = controller(recording, config.simulation, spec, joints) if torque else None

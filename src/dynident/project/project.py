@@ -181,14 +181,14 @@ def read_project(path: str | Path) -> Project:
     return parse_project(config_text(path), path)
 
 
-def parse_project(text: str, path: Path, source: str | None = None) -> Project:
+def parse_project(text: str, path: Path, source: str | None = None, *, allow_code: bool = True) -> Project:
     """Return the project of a YAML text that belongs at ``path``; ``source`` is its name in messages.
 
-    Raises the errors of ``read_project``.
+    Files of Python are refused unless ``allow_code``. Raises the errors of ``read_project``.
     """
-    config = parse_config(text, path.parent, source or str(path))
+    config = parse_config(text, path.parent, source or str(path), allow_code=allow_code)
     report_progress("building the model")
-    model = load_model(config.model, path.parent)
+    model = load_model(config.model, path.parent, allow_code=allow_code)
     file = model_file(config.model, path.parent)
     robot = None if file is None else model_source(file)
     sources = Sources(SourceFile(str(real_path(path)), sha256(text.encode()).hexdigest(), text), robot)

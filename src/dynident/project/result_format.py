@@ -29,6 +29,7 @@ from dynident.validation import LogValidation
 
 Array = NDArray[np.float64]
 FORMAT, VERSION = "dynident result", 1
+SERVO_FORMAT = "dynident servos"  # of servo.json
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 LIMITS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
 NOT_FINITE = ["Infinity", "-Infinity", "NaN"]
@@ -150,6 +151,10 @@ def read_result(kind: type[Tables], data: dict[str, Any], source: str, **context
 
     Raises InputError, led by ``source``, where it is no result of this version, or its values do not fit.
     """
+    if data.get("format") == SERVO_FORMAT:
+        raise InputError(
+            f"{source}: is of servos, whose model is robot.xml beside it; `dynident predict` alone reads this file."
+        )
     if data.get("format") != FORMAT:
         raise InputError(f"{source}: is no result of `dynident identify`: it needs `format`: {FORMAT!r}.")
     if data.get("version") != VERSION:

@@ -21,7 +21,7 @@ from dynident.identification import Identification, Sources
 from dynident.models import Model, RigidBodies
 from dynident.project.config import parse_config
 from dynident.project.logs import Reading, log_spec, read_logs
-from dynident.project.result_format import FORMAT, VERSION
+from dynident.project.result_format import FORMAT, SERVO_FORMAT, VERSION
 from dynident.project.result_read import identification_of
 from dynident.regression import BaseParameters
 from dynident.runtime import InputError, ModelError, Part, TaggedUnion, saved_fields
@@ -208,6 +208,11 @@ def model_files(path: Path, sources: Sources) -> tuple[str, ...]:
 def source_files(sources: Sources) -> list[str]:
     """Return the files that a result was made from: the configuration, the model's file and the recordings."""
     return [file.path for file in (sources.configuration, sources.model, *sources.logs) if file is not None]
+
+
+def is_servo_result(path: Path) -> bool:
+    """Whether a file is the servo.json of an arm of servos; InputError where it is no result at all."""
+    return result_values(path).get("format") == SERVO_FORMAT
 
 
 def result_values(path: Path) -> dict[str, Any]:

@@ -247,14 +247,19 @@ def check_joints(config: Config, joints: Sequence[Joint]) -> None:
 
 
 def _check_channels(config: Config, joints: Sequence[Joint]) -> None:
-    sections = [("position", config.position, POSITIONS), ("torque", config.torque, TORQUES)]
-    if isinstance(config.simulation, ServoSettings):
-        servos = config.simulation.joints
-        sections[1] = ("simulation.joints", {name: servo.command for name, servo in servos.items()}, POSITIONS)
-    for section, channels, units in sections:
-        check_same_names(section, channels, joints)
-        for joint in joints:
-            unit_factor(channels[joint.name].unit, units[joint.kind], f"{section}.{joint.name}.unit")
+    sections: list[tuple[str, Mapping[str, Section]]] = [("position", config.position), ("torque", config.torque)]
+    servos = config.simulation.joints if isinstance(config.simulation, ServoSettings) else {}
+    if servos:
+        sections[1] = ("simulation.joints", servos)
+    for section, entries in sections:
+        check_same_names(section, entries, joints)
+    for joint in joints:
+        kind, name, servo = joint.kind, joint.name, servos.get(joint.name)
+        unit_factor(config.position[name].unit, POSITIONS[kind], f"position.{name}.unit")
+        if servo is None:
+            unit_factor(config.torque[name].unit, TORQUES[kind], f"torque.{name}.unit")
+        else:
+            unit_factor(servo.command.unit, servo.dimensions[kind], f"simulation.joints.{name}.command.unit")
     for joint in joints:
         if joint.kind == "prismatic" and config.position[joint.name].multi_turn:
             raise ConfigError(f"position.{joint.name}.multi_turn: joint {joint.name!r} slides; leave the key out.")

@@ -302,6 +302,7 @@ EXPORTERS = PartFamily(
         "numpy": "dynident.project.export.formats:Numpy",
         "yaml": "dynident.project.export.formats:Yaml",
         "drake": "dynident.project.export.simulators:Drake",
+        "drake_directives": "dynident.project.export.simulators:DrakeDirectives",
         "isaac": "dynident.project.export.simulators:IsaacLab",
         "pinocchio": "dynident.project.export.simulators:PinocchioFile",
     },

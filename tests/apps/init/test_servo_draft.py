@@ -44,4 +44,4 @@ def test_servos_are_those_of_the_actuators(tmp_path) -> None:
         '<position name="p" joint="pan" gear="2" forcerange="-3 4"/><motor joint="lift"/></actuator></mujoco>'
     )
     servos = servos_of_file(str(tmp_path / "arm.xml"), JOINTS)
-    assert servos == {"pan": ServoProposal(20.0, 2.0, 6.0, "p"), "lift": ServoProposal()}
+    assert servos == {"pan": ServoProposal(20.0, 2.0, 6.0, "p"), "lift": ServoProposal(torque_unit="N m")}

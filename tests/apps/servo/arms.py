@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 
 from dynident.apps.demo.servo_arm import (
+    COUNT,
     FILE_VALUES,
     KP,
     LIMIT,
+    LOG_EVERY,
     SERVO_JOINTS,
+    STEP,
     TRUE_DELAY,
     TRUE_VALUES,
     servo_mjcf,
@@ -39,4 +43,26 @@ def values(table: dict[str, tuple[float, ...]] = TRUE_VALUES, kp: float = KP, de
 def recording(seed: int = 1, duration: float = 6.0) -> ServoLog:
     """What the arm's log has."""
     t, command, q = servo_recording(seed, duration)
+    return ServoLog(f"seed {seed}", t, q, t, command)
+
+
+def motor_mjcf(table: dict[str, tuple[float, ...]], gear: float = 1.0) -> str:
+    """The arm with motors of torque, that of the elbow with a gear."""
+    text = servo_mjcf(table).replace("<position name", "<motor name").replace(f' kp="{KP}"', "")
+    return text.replace('joint="elbow" force', f'joint="elbow" gear="{gear}" force')
+
+
+def torque_recording(seed: int = 1, duration: float = 6.0, delay: float = 0.012) -> ServoLog:
+    """What the log of that arm has where a computer commands torques each 10 ms, which come late."""
+    t, target, _ = servo_recording(seed, duration)
+    data = mujoco.MjData(mujoco.MjModel.from_xml_string(motor_mjcf(TRUE_VALUES)))
+    data.qpos[:] = target[0]
+    command, q, late = np.empty(target.shape), np.empty(target.shape), round(delay / STEP)
+    for k in range(len(t) * LOG_EVERY):
+        if k % LOG_EVERY == 0:
+            row = k // LOG_EVERY
+            q[row] = np.round(data.qpos / COUNT) * COUNT
+            command[row] = 8.0 * (target[row] - q[row]) - 0.1 * data.qvel
+        data.ctrl[:] = command[max(k - late, 0) // LOG_EVERY]
+        mujoco.mj_step(data.model, data)
     return ServoLog(f"seed {seed}", t, q, t, command)

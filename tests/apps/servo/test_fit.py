@@ -10,7 +10,7 @@ import pytest
 from dynident.apps.demo.servo_arm import COUNT, FILE_VALUES, KP, LIMIT, SERVO_JOINTS, TRUE_DELAY
 from dynident.apps.servo.fit import fit_values
 from dynident.apps.servo.judge import ServoUse, position_noise, roll_out, verdict_of
-from dynident.apps.servo.run import choose_fit
+from dynident.apps.servo.run import _fit_warnings, choose_fit
 from dynident.apps.servo.start import smooth_servo_log, start_values
 from dynident.apps.servo.suspects import suspect_entries
 from dynident.apps.servo.values import Entry, Quantity
@@ -103,3 +103,27 @@ def test_commands_are_held_or_interpolated_as_the_log_says() -> None:
     motions, fit, _ = choose_fit(plant(), [motion], values(FILE_VALUES), given)
     assert not motions[0].log.held
     assert fit.values.delay == TRUE_DELAY
+
+
+def test_friction_that_was_driven_to_zero_comes_back(motion) -> None:
+    zero = replace(values(), frictionloss=np.array([1e-8, 0.06, 1e-8]))
+    fit = fit_values(plant(), [motion], zero, ENTRIES)
+    assert fit.converged
+    assert fit.values.frictionloss == pytest.approx(values().frictionloss, rel=0.02)
+
+
+def test_a_search_that_ends_away_from_the_minimum_has_not_converged(motion, monkeypatch) -> None:
+    far = replace(values(), damping=2 * values().damping)
+    monkeypatch.setattr("dynident.apps.servo.fit.MAX_REFUSALS", 0)  # each step is refused
+    fit = fit_values(plant(), [motion], far, ENTRIES)
+    assert fit.values.damping == pytest.approx(far.damping)
+    assert not fit.converged
+    assert "the search has not converged" in " ".join(_fit_warnings(fit, plant()))
+
+
+def test_what_a_search_drives_to_zero_is_named(motion) -> None:
+    # a servo that already damps more than the arm does leaves less than none to the joint
+    stiff = replace(values(), kd=np.array([0.0, 1.0, 0.0]))
+    fit = fit_values(plant(), [motion], stiff, ENTRIES)
+    assert Entry(Quantity.DAMPING, 1) in fit.vanished
+    assert "damping of shoulder is driven to zero" in " ".join(_fit_warnings(fit, plant()))

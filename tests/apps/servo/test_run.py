@@ -41,7 +41,10 @@ def test_init_and_identify_with_nothing_edited(folder, monkeypatch) -> None:
     assert "armature of elbow" in page
     assert "good for simulation" in page
     # what needs torques, and what has nothing to write out
-    assert "have no torque, which this needs" in " ".join(run("check", "servos.yaml").output.split())
+    assert "have no torque, which this needs" in " ".join(run("bound", "servos.yaml").output.split())
+    assert "`dynident predict` alone reads this file" in " ".join(
+        run("watch", "out/servo.json", "x.csv").output.split()
+    )
     refused = run("identify", "servos.yaml", "--write-config", "x.yaml")
     assert refused.exit_code == 1
     assert "leave it out" in refused.output

@@ -15,11 +15,12 @@ from dynident.project.config import parse_config
 from dynident.project.export import Servo, export
 from dynident.project.export.identified import drives
 from dynident.project.export.servos import ranges, servos_of
-from dynident.project.export.simulators import Drake, IsaacLab, PinocchioFile, read_literals
+from dynident.project.export.simulators import Drake, DrakeDirectives, IsaacLab, PinocchioFile, read_literals
+from dynident.runtime import DynidentError
 from tests.project.export.arms import STATES, arm
 from tests.robots import ARM, ARM_MJCF
 
-FORMATS = [Drake(), IsaacLab(), PinocchioFile()]
+FORMATS = [Drake(), DrakeDirectives(), IsaacLab(), PinocchioFile()]
 SERVOS = {"shoulder": Servo(17.0, 1.5, 3.0, 0.02, 5.0)}
 
 
@@ -39,10 +40,10 @@ def test_each_file_has_the_torque_of_the_model(text, exporter):
     (size,) = [note for note in made.written.notes if note.startswith("what it leaves out is")]
     # friction of 2 N m is left out by Drake, too
     assert ("0.3 N m at 'shoulder', 0.3 N at 'rail'" in size) == (exporter.format == "pinocchio")
-    assert ("2 N m at 'shoulder'" in size) == (exporter.format == "drake")
+    assert ("2 N m at 'shoulder'" in size) == exporter.format.startswith("drake")
 
 
-@pytest.mark.parametrize("exporter", FORMATS, ids=lambda exporter: exporter.format)
+@pytest.mark.parametrize("exporter", [FORMATS[0], *FORMATS[2:]], ids=lambda exporter: exporter.format)
 def test_a_wrong_value_is_noticed(exporter):
     made = export(identified(), exporter, STATES)
     (reader,) = [reader for name, reader in exporter.readers.items() if name in ("dynident", "Pinocchio")][-1:]
@@ -63,6 +64,16 @@ def test_a_pinocchio_file_checks_itself_when_it_is_run(tmp_path):
     done = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "The torques of 5 states are as expected." in done.stdout
+
+
+def test_directives_weld_the_root_as_gravity_has_it():
+    made = export(identified(), DrakeDirectives(), STATES)
+    assert 'file: "package://dynident/robot.identified.drake.urdf"' in made.written.text
+    assert any("gravity of 9.27362 m/s^2" in note for note in made.written.notes)
+    (reader,) = DrakeDirectives.readers.values()
+    for wrong in (made.written.text.replace("deg: [-12", "deg: [-13"), made.written.text.replace("arm::", "arm::x")):
+        with pytest.raises(DynidentError, match="gravity differs"):
+            reader(wrong, identified(), STATES)
 
 
 def test_drake_has_rotor_inertia_at_the_motor():
@@ -110,6 +121,8 @@ def test_names_from_files_stay_names(exporter):
     if exporter.format == "drake":
         assert RigidBodies(made.written.text).joints[2].name == name
         XmlText(made.written.text)
+    elif exporter.format == "drake_directives":
+        assert len(made.written.text.splitlines()) == 6  # the root is the one name in it
     else:
         assert name in read_literals(made.written.text)["ARMATURE"]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -128,12 +129,14 @@ def read_excitation(
     *,
     ready: Callable[[], None] = lambda: None,
     allow_code: bool = False,
+    speed: float | None = None,
 ) -> ExcitationProject:
     """Read a robot file, a configuration or a result, and the ``settings`` of the motion: a file, else the section
     ``excitation`` of the configuration, also of that of a result; ``changes`` are put in their place.
 
     Terms that are to be chosen are the plain set. Where all logs of a configuration are there, they are identified: the
     torque is by the parameters found, the noise by the residual. A result also brings the information of its training.
+    ``speed`` (rad/s, m/s) is the limit of joints for which neither the file nor the settings give one.
     Raises ConfigError for wrong settings, ModelError and InputError for what cannot be read.
     """
     path = as_path(path)
@@ -167,6 +170,11 @@ def read_excitation(
     else:
         prior = _prior_from_logs(path, config_text(path), ready)
     user_limits = {name: JointLimits(**limit.model_dump()) for name, limit in motion_settings.limits.items()}
+    for joint in prior.model.joints if speed is not None else ():
+        given = user_limits.get(joint.name, JointLimits())
+        in_file = prior.model.limits.get(joint.name)
+        if given.velocity is None and (in_file is None or in_file.velocity is None):
+            user_limits[joint.name] = replace(given, velocity=speed)
     limits = motion_limits(prior.model, user_limits, motion_settings.margin)
     origin, sigma = torque_noise(prior, motion_settings.noise, limits, motion_settings.margin, motion_settings.rate)
     request = MotionRequest(

@@ -14,7 +14,7 @@ import yaml
 from numpy.typing import NDArray
 
 from dynident.apps.init.column_mapping import ChannelProposal, ColumnMapping, widths
-from dynident.apps.init.match import MovableJoint
+from dynident.apps.init.match import MovableJoint, read_joints
 from dynident.apps.init.servo_draft import GAIN_QUESTION, servo_section, servos_of_file
 from dynident.files.opener import relative
 from dynident.files.ros import BAGS
@@ -22,6 +22,7 @@ from dynident.files.tables import DataTable, read_columns
 from dynident.files.xml_text import SUFFIXES
 from dynident.files.yaml_text import UNPRINTABLE
 from dynident.identification import moving_span
+from dynident.models import Joint
 from dynident.motion.log import Log
 from dynident.project.arms import find_arm
 from dynident.project.columns import is_commanded
@@ -176,6 +177,27 @@ def draft_config(
     # names and reasons come from files: a control character must not start a new line or hide text
     text = "\n".join(UNPRINTABLE.sub("?", line) for line in page.lines) + "\n"
     return ConfigDraft(text, tuple(notes), tuple(page.questions), tuple(page.blanks), bool(mapping.command))
+
+
+def servo_config(robot: str, joints: Sequence[Joint], folder: Path) -> tuple[str, list[str]]:
+    """Return the configuration that reads recordings of servos still to be made, with columns cmd_JOINT and pos_JOINT,
+    and what is to be filled in; the robot file is named relative to the ``folder``."""
+    names = {joint.name: _yaml_name(joint.name) for joint in joints}
+    commands = {joint.name: ChannelProposal(f"cmd_{joint.name}", joint.unit) for joint in joints}
+    movable = [joint for joint in read_joints(robot) if joint.name in names]
+    section, asked = servo_section(servos_of_file(robot, movable), commands, _yaml_name)
+    columns = {joint.name: _yaml_name(f"pos_{joint.name}") for joint in joints}
+    lines = [
+        "# For `dynident check` and `dynident identify`, once the motions of this folder are recorded.",
+        f"model: {{ file: {_yaml_name(relative(Path(robot), folder))} }}",
+        "time: { column: time, unit: s }",
+        "position:",
+        *(f"  {names[x.name]}: {{ column: {columns[x.name]}, unit: {x.unit} }}" for x in joints),
+        *section,
+        "train: [{ file: motion_recorded.csv }]",
+        "validation: [{ file: validation_recorded.csv }]",
+    ]
+    return "\n".join(lines) + "\n", [f"{name}: {GAIN_QUESTION}" for name in asked]
 
 
 @dataclass(frozen=True)

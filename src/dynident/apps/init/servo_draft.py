@@ -28,12 +28,17 @@ GAIN_QUESTION = (
 
 @dataclass(frozen=True)
 class ServoProposal:
-    """What a robot file says of a joint's servo: kp (None: nothing), kd and limit (None: none), and the actuator."""
+    """What a robot file says of a joint's servo: kp (None: nothing), kd and limit (None: none), and the actuator.
+
+    That of a motor takes torques, in the ``torque_unit`` of the joint, ``gear`` of them for each it is given.
+    """
 
     kp: float | None = None
     kd: float = 0.0
     limit: float | None = None
     actuator: str = ""
+    torque_unit: str = ""
+    gear: float = 1.0
 
 
 def command_columns(table: DataTable, joints: Sequence[MovableJoint], position: Match | None) -> dict[str, str]:
@@ -60,7 +65,9 @@ def command_columns(table: DataTable, joints: Sequence[MovableJoint], position: 
 
 def servos_of_file(robot: str, joints: Iterable[MovableJoint]) -> Mapping[str, ServoProposal]:
     """Return the servos that the actuators of an MJCF describe, by joint; of others the limits of the joints."""
+    joints = list(joints)
     servos = {joint.name: ServoProposal(limit=joint.limits.effort) for joint in joints}
+    units = {joint.name: "N" if joint.kind == "prismatic" else "N m" for joint in joints}
     if Path(robot).suffix.lower() not in SUFFIXES:
         return servos
     try:
@@ -72,17 +79,20 @@ def servos_of_file(robot: str, joints: Iterable[MovableJoint]) -> Mapping[str, S
         return servos
     for actuator in actuators:
         if actuator.target in servos and actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
-            servos[actuator.target] = _servo(actuator, servos[actuator.target].limit)
+            servos[actuator.target] = _servo(actuator, servos[actuator.target].limit, units[actuator.target])
     return servos
 
 
-def _servo(actuator: object, effort: float | None) -> ServoProposal:
-    """Return what an actuator says, at the joint behind its gear; a motor has limits alone."""
+def _servo(actuator: object, effort: float | None, torque_unit: str) -> ServoProposal:
+    """Return what an actuator says, at the joint behind its gear."""
     gear, name = abs(float(actuator.gear[0])) or 1.0, str(actuator.name)  # type: ignore[attr-defined]
     gain, bias = float(actuator.gainprm[0]), actuator.biasprm  # type: ignore[attr-defined]
     # a range is a limit where the file does not say otherwise
     low, high = map(float, actuator.forcerange)  # type: ignore[attr-defined]
     limit = gear * min(abs(low), abs(high)) if low < high and int(actuator.forcelimited) else effort  # type: ignore[attr-defined]
+    if gain == 1 and not int(actuator.biastype) and not int(actuator.dyntype):  # type: ignore[attr-defined]
+        turns = float(actuator.gear[0]) or 1.0  # type: ignore[attr-defined]
+        return ServoProposal(None, 0.0, limit, name, torque_unit, turns)
     if not math.isclose(gain, -float(bias[1])) or not gain:  # no position servo
         return ServoProposal(limit=limit, actuator=name)
     # a negative kv stands for a damping ratio, which is resolved by the masses
@@ -95,7 +105,7 @@ def servo_section(
     """Return the lines of `simulation` in a draft, and the joints whose kp has to be asked for; ``quote`` for YAML."""
     lines = [
         "",
-        "simulation:  # no torque was recorded: position servos are simulated in MuJoCo, driven by the commands",
+        "simulation:  # no torque was recorded: the servos are simulated in MuJoCo, driven by the commands",
         "  kind: servo",
         "  commands: estimate  # held until the next one, or interpolated",
         "  delay: estimate  # or s, from a command to the position that answers it",
@@ -103,10 +113,16 @@ def servo_section(
     ]
     for name, channel in commands.items():
         servo, wraps = servos[name], f" wraps: {channel.wraps!r}," if channel.wraps else ""
-        text = f"command: {{ column: {quote(str(channel.column))},{wraps} unit: {channel.unit} }}, "
-        text += f"kp: {'estimate' if servo.kp is None else f'{servo.kp:.6g}'}"
+        column, reason = quote(str(channel.column)), ""
+        if servo.torque_unit:
+            gain = f" gain: {servo.gear:.6g}," if servo.gear != 1 else ""
+            text, reason = f"command: {{ column: {column},{gain} unit: {servo.torque_unit} }}", "a torque, "
+        else:
+            text = f"command: {{ column: {column},{wraps} unit: {channel.unit} }}, "
+            text += f"kp: {'estimate' if servo.kp is None else f'{servo.kp:.6g}'}"
         text += f", kd: {servo.kd:.6g}" if servo.kd else ""
         text += f", limit: {servo.limit:.6g}" if servo.limit else ""
-        reason = f"  # of the actuator {servo.actuator!r}" if servo.kp is not None and servo.actuator else ""
+        if servo.actuator and (servo.torque_unit or servo.kp is not None):
+            reason = f"  # {reason}of the actuator {servo.actuator!r}"
         lines.append(f"    {quote(name)}: {{ {text} }}{reason}")
-    return lines, [name for name in commands if servos[name].kp is None]
+    return lines, [name for name in commands if servos[name].kp is None and not servos[name].torque_unit]

@@ -1,5 +1,7 @@
-"""Arms of position servos, identified from commands and positions by simulating them in MuJoCo."""
+"""Arms of servos, identified from commands and positions by simulating them in MuJoCo."""
 
+from dynident.apps.servo.check import examine_servos
+from dynident.apps.servo.predict import predict_servos, rollout_frame
 from dynident.apps.servo.report import (
     MODEL,
     NUMBERS,

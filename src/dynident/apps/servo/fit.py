@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.servo.plant import ServoPlant
-from dynident.apps.servo.start import SmoothLog
+from dynident.apps.servo.start import SmoothLog, StateWindows
 from dynident.apps.servo.values import Entry, Quantity, ServoValues
 from dynident.runtime import ModelError, Noun, report_progress
 
 Array = NDArray[np.float64]
 SETTLING = 0.5  # s at the start of a rollout that are not compared: the speed there is not measured
+WINDOW = 0.5  # s, of short rollouts
+STATE_STEP = 1e-4  # rad and rad/s, of differences
 MAX_ITERATIONS = 12
 TOLERANCE = 0.1  # standard errors, below which a step ends the search
 MIN_DECREASE = 0.05  # of the squared error in a step, below which the sensitivities are not computed again
-MAX_LOG_STEP = 1.0  # of a logarithm, in one step
 MAX_CHORD_STEP = 0.02  # of a coordinate, beyond which they are in any case
+MAX_REMAINING = 0.3  # standard errors, by which the values of a search that has converged are off at most
 STEPS = {Quantity.DELAY: 5e-4, Quantity.OFFSET: 1e-3, Quantity.COMMAND_OFFSET: 1e-3}  # s and rad, of differences
-LOG_STEP = 1e-3  # of logarithms: small, as a factor that all values of a joint share hardly acts
+RELATIVE_STEP = 1e-3  # of differences: small, as a factor that all values of a joint share hardly acts
+MAX_REFUSALS = 8  # of a step, each with more damping
+MIN_STEP = 1e-6  # SI: of differences of what is nearly zero
 CORRELATION_TIME = 0.3  # s, over which residuals may be correlated
 MIN_SHARE = 1e-6  # of the largest eigenvalue of the scaled information, below which a direction is not determined
 MIN_WEIGHT_SHARE = 0.02  # of this log's largest residual: a joint that fits much better counts no more than this
@@ -32,7 +37,8 @@ class ServoFit(Noun):
 
     ``residuals`` (N', n) are simulated less measured positions of all recordings, ``sensitivity`` (N', n, p) their
     derivatives, and ``scale`` (n) their standard deviations. ``undetermined`` are combinations of entries that the
-    recordings do not tell apart.
+    recordings do not tell apart, ``vanished`` those that the search drove to zero. It has ``converged`` where no other
+    one is further from the minimum than a share of its standard error, whatever ended it.
     """
 
     values: ServoValues
@@ -44,6 +50,7 @@ class ServoFit(Noun):
     iterations: int
     converged: bool
     undetermined: tuple[tuple[Entry, ...], ...]
+    vanished: tuple[Entry, ...] = ()
 
     @property
     def std(self) -> Array:
@@ -53,25 +60,63 @@ class ServoFit(Noun):
 
 
 def residuals(plant: ServoPlant, motions: Sequence[SmoothLog], values: ServoValues) -> Array:
-    """Return simulated less measured positions (N', n) of all recordings, without the settling at their starts."""
+    """Return simulated less measured positions (N', n) of all recordings, without the settling at their starts.
+
+    Those of recordings in windows are without what the states at the starts of these explain.
+    """
     parts = []
     for motion in motions:
         log = motion.log
-        simulated = plant.rollout(values, log, speeds=motion.speeds)[0]
-        parts.append((simulated - log.q)[log.t > log.t[0] + SETTLING])
+        if motion.windows is None:
+            simulated = plant.rollout(values, log, speeds=motion.speeds)[0]
+            parts.append((simulated - log.q)[log.t > log.t[0] + SETTLING])
+        else:
+            parts += window_residuals(plant, motion, motion.windows, values)
     return np.vstack(parts)
+
+
+def window_residuals(plant: ServoPlant, motion: SmoothLog, windows: StateWindows, values: ServoValues) -> list[Array]:
+    """Return simulated less measured positions (m, n) by window, without what the state at its start explains."""
+    log = motion.log
+    paths = plant.rollout(values, log, windows.starts, windows.stops, motion.speeds)
+    misses = [path - log.q[a:b] for path, a, b in zip(paths, windows.starts, windows.stops, strict=True)]
+    return [
+        (miss.ravel() - basis @ (basis.T @ miss.ravel())).reshape(miss.shape)
+        for miss, basis in zip(misses, windows.bases, strict=True)
+    ]
+
+
+def split_into_windows(plant: ServoPlant, motion: SmoothLog, values: ServoValues) -> SmoothLog:
+    """Return a recording in windows of 0.5 s, for arms of commanded torques: nothing holds these on their way.
+
+    What their states change is found by differences at the values.
+    """
+    log, n = motion.log, motion.log.q.shape[1]
+    edges = np.searchsorted(log.t, np.arange(log.t[0], log.t[-1] - WINDOW / 2, WINDOW))
+    starts, stops = tuple(map(int, edges)), (*map(int, edges[1:]), len(log.t))
+    paths = plant.rollout(values, log, starts, stops, motion.speeds)
+    columns = []
+    for k in range(2 * n):
+        change = np.eye(n)[k % n] * STATE_STEP
+        moved = replace(log, q=log.q + change) if k < n else log
+        speeds = motion.speeds if k < n else motion.speeds + change
+        columns.append(plant.rollout(values, moved, starts, stops, speeds))
+    bases = [
+        np.linalg.qr(np.column_stack([(column[i] - path).ravel() / STATE_STEP for column in columns]))[0]
+        for i, path in enumerate(paths)
+    ]
+    return replace(motion, windows=StateWindows(starts, stops, tuple(bases)))
 
 
 def sensitivity(
     plant: ServoPlant, motions: Sequence[SmoothLog], values: ServoValues, entries: Sequence[Entry], base: Array
 ) -> Array:
     """Return the derivatives (N', n, p) of the residuals ``base`` at the values, by differences."""
-    coordinates, columns = values.coordinates(entries), []
+    columns = []
     for k, entry in enumerate(entries):
-        size = STEPS.get(entry.quantity, LOG_STEP)
-        moved = coordinates.copy()
-        moved[k] += size
-        columns.append((residuals(plant, motions, values.at(entries, moved)) - base) / size)
+        size = STEPS.get(entry.quantity) or max(RELATIVE_STEP, MIN_STEP / values.entry(entry))
+        moved = values.moved(entries, size * np.eye(len(entries))[k])
+        columns.append((residuals(plant, motions, moved) - base) / size)
     return np.stack(columns, axis=-1)
 
 
@@ -88,36 +133,38 @@ def fit_values(
         raise ModelError(
             "the simulation of the servos diverges: look at `kp` and `limit`, and at the file's time step and masses."
         )
-    damping, converged, iteration = 1e-5, False, 0
+    damping, iteration, is_current = 1e-5, 0, True
     slopes = sensitivity(plant, motions, values, entries, base)
-    while iteration < MAX_ITERATIONS and not converged:
+    while iteration < MAX_ITERATIONS:
         iteration += 1
         scale = joint_scale(base)
         report_progress(f"simulating the servos, step {iteration}: {1e3 * np.sqrt((base**2).mean()):.3g} mrad")
         information, gradient = _normal_equations(slopes, base, scale)
         size = np.sqrt(np.diag(information)) + 1e-12
-        accepted = False
-        for _ in range(8):
+        for _ in range(MAX_REFUSALS):
             step = -np.linalg.solve(information / np.outer(size, size) + damping * np.eye(len(size)), gradient / size)
             step = step / size
-            step *= min(1.0, MAX_LOG_STEP / np.abs(step).max(initial=1e-300))
-            candidate = values.at(entries, values.coordinates(entries) + step)
+            candidate = values.moved(entries, step)
             moved = residuals(plant, motions, candidate)
             decrease = 1 - ((moved / scale) ** 2).sum() / ((base / scale) ** 2).sum()
             if decrease > 0:
-                accepted = True
                 break
             damping = max(10 * damping, 1e-3)
-        if not accepted:
-            break
+        else:
+            if is_current:
+                break
+            # refused by sensitivities of another place: they are computed anew
+            slopes, damping, is_current = sensitivity(plant, motions, values, entries, base), 1e-5, True
+            continue
         damping /= 10
         # Newton's decrement: how far the minimum is, in standard errors
         decrement = np.sqrt(max(-float(gradient @ step), 0.0))
-        values, base = candidate, moved
-        converged = decrement < TOLERANCE
-        if not converged and (decrease > MIN_DECREASE or np.abs(step).max() > MAX_CHORD_STEP):
-            slopes = sensitivity(plant, motions, values, entries, base)
-    return summarise(values, entries, base, slopes, motions, iteration, converged or not accepted)
+        values, base, is_current = candidate, moved, False
+        if decrement < TOLERANCE:
+            break
+        if decrease > MIN_DECREASE or np.abs(step).max() > MAX_CHORD_STEP:
+            slopes, is_current = sensitivity(plant, motions, values, entries, base), True
+    return summarise(values, entries, base, slopes, motions, iteration)
 
 
 def joint_scale(base: Array) -> Array:
@@ -134,11 +181,11 @@ def _normal_equations(slopes: Array, base: Array, scale: Array) -> tuple[Array, 
 
 def summarise(
     values: ServoValues, entries: tuple[Entry, ...], base: Array, slopes: Array, motions: Sequence[SmoothLog],
-    iterations: int, converged: bool,
+    iterations: int,
 ) -> ServoFit:  # fmt: skip
     """Return the fit at values, with its covariance: a sandwich, of scores that are correlated over time."""
     scale = joint_scale(base)
-    information, _ = _normal_equations(slopes, base, scale)
+    information, gradient = _normal_equations(slopes, base, scale)
     step = float(np.median(np.diff(motions[0].log.t)))
     scores = np.einsum("ijk,ij->ik", slopes / scale[None, :, None], base / scale)
     meat = correlated_sum(scores, step)
@@ -154,7 +201,14 @@ def summarise(
     undetermined = tuple(
         tuple(entries[i] for i in np.flatnonzero(np.abs(vectors[:, k]) > 0.3)) for k in np.flatnonzero(weak)
     )
-    return ServoFit(values, entries, covariance, base, slopes, scale, iterations, converged, undetermined)
+    # a step that remains is one to the minimum, or across zero
+    remaining = -inverse @ gradient
+    vanished = [e.quantity.positive and bool(x <= -1) for e, x in zip(entries, remaining, strict=True)]
+    distance = np.where(vanished, 0.0, np.abs(remaining) / np.sqrt(np.diag(covariance)))
+    return ServoFit(
+        values, entries, covariance, base, slopes, scale, iterations, bool(distance.max(initial=0.0) < MAX_REMAINING),
+        undetermined, tuple(e for e, is_zero in zip(entries, vanished, strict=True) if is_zero),
+    )  # fmt: skip
 
 
 def correlated_sum(scores: Array, step: float) -> Array:

@@ -8,14 +8,13 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps.servo.fit import SETTLING
+from dynident.apps.servo.fit import SETTLING, WINDOW, split_into_windows, window_residuals
 from dynident.apps.servo.plant import ServoLog, ServoPlant
 from dynident.apps.servo.start import SmoothLog
 from dynident.apps.servo.values import ServoValues
 from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
-WINDOW = 0.5  # s, of short rollouts
 MAX_GOOD_ERROR, MAX_FAIR_ERROR = 0.02, 0.1  # of the spread of a joint's motion
 NOISE_FACTOR = 2.0  # times the noise of the positions: a smaller error is not seen
 
@@ -32,7 +31,8 @@ class ServoRollout(Noun):
     """A recording beside its simulation: ``simulated`` and ``nominal`` (N, n) positions from its first sample on.
 
     Errors (n) are root mean squares, rad or m: of the whole rollout, of the file's values, and of ``window_error``
-    rollouts of 0.5 s from measured positions. ``noise`` (n) is that of the positions, ``spread`` (n) of the motion.
+    rollouts of 0.5 s from measured positions. Where torques are commanded all are of 0.5 s, from states that fit.
+    ``noise`` (n) is that of the positions, ``spread`` (n) of the motion.
     """
 
     log: ServoLog
@@ -72,6 +72,13 @@ def roll_out(
 ) -> ServoRollout:
     """Return a recording beside its simulation with the fitted and with the file's values, delay and all."""
     log = motion.log
+    if values.takes_torque.any():
+        simulated, before = (_in_windows(plant, motion, x) for x in (values, nominal))
+        misses = simulated - log.q
+        return ServoRollout(
+            log, role, simulated, before, _rms(misses), _rms(before - log.q), _rms(misses), position_noise(log.q),
+            log.q.std(axis=0),
+        )  # fmt: skip
     simulated = plant.rollout(values, log, speeds=motion.speeds)[0]
     before = plant.rollout(nominal, log, speeds=motion.speeds)[0]
     later = log.t > log.t[0] + SETTLING
@@ -85,6 +92,12 @@ def roll_out(
         log, role, simulated, before, _rms((simulated - log.q)[later]), _rms((before - log.q)[later]), _rms(misses),
         position_noise(log.q), log.q.std(axis=0),
     )  # fmt: skip
+
+
+def _in_windows(plant: ServoPlant, motion: SmoothLog, values: ServoValues) -> Array:
+    """Return the positions (N, n) of rollouts of 0.5 s, from states that are nearest to the measured positions."""
+    windows = split_into_windows(plant, motion, values).windows
+    return motion.log.q + np.vstack([] if windows is None else window_residuals(plant, motion, windows, values))
 
 
 def _rms(x: Array) -> Array:

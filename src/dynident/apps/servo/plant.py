@@ -1,4 +1,4 @@
-"""An arm of position servos in MuJoCo: its model with other values, and rollouts of it under the recorded commands."""
+"""An arm of servos in MuJoCo: its model with other values, and rollouts of it under the recorded commands."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def import_mujoco() -> Any:
         import mujoco.rollout
     except ImportError as error:
         raise ModelError(
-            "a robot of position servos is fitted by simulating it in MuJoCo, which is not installed; install it by: "
+            "a robot of servos is fitted by simulating it in MuJoCo, which is not installed; install it by: "
             f"{install_command('mujoco')} (or the extra `dynident[mujoco]`)."
         ) from error
     return mujoco
@@ -78,7 +78,7 @@ class ServoPlant(Noun):
         model.dof_frictionloss[self.dofs] = values.frictionloss
         gear = self.gear
         stiffness = values.kp / gear**2
-        model.actuator_gainprm[self.actuators, 0] = stiffness
+        model.actuator_gainprm[self.actuators, 0] = np.where(values.takes_torque, 1.0, stiffness)
         model.actuator_biasprm[self.actuators, 1] = -stiffness
         model.actuator_biasprm[self.actuators, 2] = -values.kd / gear**2
         model.actuator_forcelimited[self.actuators] = np.isfinite(values.limit)
@@ -95,6 +95,10 @@ class ServoPlant(Noun):
     def gear(self) -> Array:
         """The transmission (n) of each actuator."""
         return np.array(self.model.actuator_gear[self.actuators, 0])
+
+    def controls(self, values: ServoValues, command: Array) -> Array:
+        """Return what the actuators are given (N, n) for commands, before their gears."""
+        return np.asarray((command + values.shift) * np.where(values.takes_torque, 1 / self.gear, self.gear))
 
     @property
     def step(self) -> float:
@@ -125,28 +129,28 @@ class ServoPlant(Noun):
             states.append(state)
             control = np.zeros((count, model.nu))
             command = log.commands_at(log.t[a], self.step, count, values.delay)
-            control[:, self.actuators] = self.gear * (command + values.shift)
+            control[:, self.actuators] = self.controls(values, command)
             controls.append(control)
         history, _ = mujoco.rollout.rollout(model, data, np.array(states), np.array(controls))
         places = 1 + self.positions  # the state begins with the time
         return [
-            self._sample(states[i][places], history[i][:, places], log.t[a:b] - log.t[a]) + values.offset
+            sample_path(np.vstack([states[i][places], history[i][:, places]]), (log.t[a:b] - log.t[a]) / self.step)
+            + values.offset
             for i, (a, b) in enumerate(zip(starts, stops, strict=True))
         ]
 
-    def _sample(self, start: Array, history: Array, t: Array) -> Array:
-        """Return the positions at times after the start, linear between the steps."""
-        path = np.vstack([start, history])
-        place = t / self.step
-        k = np.minimum((place + 1e-9).astype(int), len(path) - 2)
-        share = (place - k)[:, None]
-        return np.asarray((1 - share) * path[k] + share * path[k + 1])
+
+def sample_path(path: Array, place: Array) -> Array:
+    """Return the positions (N, n) of a path (M, n) of simulation steps at places (N) along it, in steps."""
+    k = np.minimum((place + 1e-9).astype(int), len(path) - 2)
+    share = (place - k)[:, None]
+    return np.asarray((1 - share) * path[k] + share * path[k + 1])
 
 
 def compile_plant(spec: Any, joints: Sequence[str], source: str) -> ServoPlant:
-    """Return the plant of a MuJoCo specification with one position servo for each of the joints.
+    """Return the plant of a MuJoCo specification with one servo for each of the joints.
 
-    Actuators of these joints become position servos; joints without one get it. Raises ModelError for joints that are
+    Actuators of these joints become servos; joints without one get it. Raises ModelError for joints that are
     missing or turn about more than one axis, and where MuJoCo cannot compile the file.
     """
     mujoco = import_mujoco()

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.servo.judge import ServoRollout, ServoUse
+from dynident.apps.servo.predict import ServoPrediction
 from dynident.apps.servo.run import ServoIdentification, entry_name
 from dynident.apps.servo.values import FRICTION, Entry, Quantity
+from dynident.project.result_format import SERVO_FORMAT
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, INK, curve, panels
 from dynident.report.page import UNIT, Badge, Column, Facts, Figure, Fold, Gallery, PageSection, PageTable, render
@@ -35,11 +37,12 @@ def verdict_words(result: ServoIdentification) -> str:
     if result.use is None:
         return f"{NOT_JUDGED[0].upper()}{NOT_JUDGED[1:]}."
     largest = {name: max(_largest(getattr(r, name)) for r in held_out) for name in ("error", "nominal_error", "noise")}
+    joint_names = ", ".join(result.joints[gap.k].name for gap in result.backlash)
     words = {name: number(1e3 * value, 2) for name, value in largest.items()}
     return (
         f"{result.name}: {result.use}. At the worst joint, held-out rollouts are {words['error']} mrad (mm) from the "
         f"measured positions, {words['nominal_error']} with the values of the robot file; the noise of the positions "
-        f"is {words['noise']}."
+        f"is {words['noise']}." + ("" if not result.backlash else f" Backlash of {joint_names} is not in the model.")
     )
 
 
@@ -56,11 +59,17 @@ def rows_of(result: ServoIdentification) -> Iterator[tuple[Entry, float, float, 
         yield entry, fit.values.entry(entry), float(stds[entry]), result.nominal.entry(entry)
 
 
+def unit_of(result: ServoIdentification, entry: Entry) -> str:
+    """Return the unit of an entry, "" for a factor."""
+    is_torque = entry.quantity is Quantity.COMMAND_OFFSET and result.fit.values.takes_torque[entry.k]
+    return UNITS[Quantity.FRICTIONLOSS if is_torque else entry.quantity][result.joints[entry.k].kind == "prismatic"]
+
+
 def parameter_table(result: ServoIdentification) -> PageTable:
     """Return the fitted values with their standard errors, beside those of the file."""
     names, rows = [joint.name for joint in result.joints], []
     for entry, value, std, nominal in rows_of(result):
-        unit = UNITS[entry.quantity][result.joints[entry.k].kind == "prismatic"]
+        unit = unit_of(result, entry)
         # of a delay, and of a kp that equals what was found, the file says nothing
         before = "" if entry.quantity is Quantity.DELAY or nominal == value else number(nominal, 4)
         rows.append((entry_name(entry, names), number(value, 4), number(std, 2), before, unit))
@@ -68,7 +77,7 @@ def parameter_table(result: ServoIdentification) -> PageTable:
     return PageTable(columns, tuple(rows), "Values by which the simulated positions are nearest to the measured ones")
 
 
-def rollout_table(result: ServoIdentification) -> PageTable:
+def rollout_table(result: ServoIdentification | ServoPrediction) -> PageTable:
     """Return the errors of rollouts by recording and joint, in mrad or mm."""
     rows = [
         (rollout.log.name, rollout.role, joint.name, *(number(1e3 * float(x[k]), 3) for x in _errors(rollout)))
@@ -127,7 +136,7 @@ def servo_page(result: ServoIdentification) -> str:
         PageSection("Rollouts beside the measurement", (Gallery(("recording", "joint"), views), rollout_table(result))),
         PageSection("Files", (Fold("SHA-256 of the files read", (pairs("file", list(result.hashes.items())),)),)),
     ]
-    lead = f"{len(result.joints)} position servos, identified from commands and positions; {MODEL} is the model."
+    lead = f"{len(result.joints)} servos, identified from commands and positions; {MODEL} is the model."
     return render(f"Servos of {result.name}", lead, sections)
 
 
@@ -152,7 +161,7 @@ def servo_dict(result: ServoIdentification) -> dict[str, Any]:
         {
             "joint": None if entry.quantity is Quantity.DELAY else result.joints[entry.k].name,
             "quantity": str(entry.quantity), "value": value, "std": std, "file": nominal,
-            "unit": UNITS[entry.quantity][result.joints[entry.k].kind == "prismatic"],
+            "unit": unit_of(result, entry),
             "low": max(value - INTERVAL * std, 0.0) if entry.quantity in FRICTION else value - INTERVAL * std,
             "high": value + INTERVAL * std, "given": entry in result.suspects,
         }
@@ -164,8 +173,17 @@ def servo_dict(result: ServoIdentification) -> dict[str, Any]:
         for r in result.rollouts
     ]  # fmt: skip
     return {
+        "format": SERVO_FORMAT, "version": 1,
         "robot": result.name, "use": None if result.use is None else str(result.use),
         "joints": [joint.name for joint in result.joints], "parameters": rows, "rollouts": rollouts,
+        "backlash": [
+            {"joint": result.joints[gap.k].name, "size": gap.size, "at": "output" if gap.output else "motor"}
+            for gap in result.backlash
+        ],
         "converged": result.fit.converged, "written_model_difference": result.difference,
         "warnings": [*suspect_lines(result), *result.warnings], "files": result.hashes,
+        "configuration": result.configuration and {
+            "path": result.configuration.path, "text": result.configuration.text
+        },
+        "commands_held": result.held,
     }  # fmt: skip

@@ -11,6 +11,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.apps.servo.backlash import add_gaps
 from dynident.apps.servo.plant import ServoLog, ServoPlant, compile_plant, import_mujoco
 from dynident.apps.servo.values import ServoValues
 from dynident.files.xml_text import XmlNode, XmlText
@@ -50,8 +51,11 @@ def _outer_edits(xml: str) -> str:
     return str(text)
 
 
-def load_plant(settings: RobotSettings, text: str, joints: Sequence[str], source: str) -> ServoPlant:
-    """Return the plant of an MJCF text: shapes made of meshes are left out, locked joints stand still.
+def load_plant(
+    settings: RobotSettings, text: str, joints: Sequence[str], source: str, gaps: Sequence[str] = ()
+) -> ServoPlant:
+    """Return the plant of an MJCF text: shapes made of meshes are left out, locked joints stand still, and some
+    joints have ``gaps`` behind them.
 
     Raises ModelError where MuJoCo cannot compile it.
     """
@@ -60,6 +64,7 @@ def load_plant(settings: RobotSettings, text: str, joints: Sequence[str], source
         spec.option.gravity = settings.gravity
     if settings.lock:
         _lock_joints(spec, settings.lock, source)
+    add_gaps(spec, gaps)
     return compile_plant(spec, joints, source)
 
 
@@ -107,7 +112,7 @@ def _lock_joints(spec: Any, lock: Any, source: str) -> None:
 
 
 def write_mjcf(text: str, plant: ServoPlant, values: ServoValues) -> str:
-    """Return an MJCF with the values at its joints, position servos as its actuators, and the delay of the command.
+    """Return an MJCF with the values at its joints, servos as its actuators, and the delay of the command.
 
     Offsets of encoders and commands are `<custom>` numbers: no simulator subtracts them. All else stays as it is.
     """
@@ -168,7 +173,12 @@ def _servo(plant: ServoPlant, values: ServoValues, k: int) -> str:
     """Return the actuator of a joint, with the gear and the range of commands of the file."""
     actuator, gear = plant.model.actuator(int(plant.actuators[k])), float(plant.gear[k])
     numbers = {"kp": values.kp[k] / gear**2, "kv": values.kd[k] / gear**2, "gear": gear}
-    text = f"<position name={quoteattr(actuator.name)} joint={quoteattr(plant.joints[k])} "
+    tag = "position"
+    if values.takes_torque[k]:
+        tag, numbers = ("general", {"gear": gear}) if values.kd[k] else ("motor", {"gear": gear})
+    text = f"<{tag} name={quoteattr(actuator.name)} joint={quoteattr(plant.joints[k])} "
+    if tag == "general":
+        text += f'biastype="affine" biasprm="0 0 {_text(-values.kd[k] / gear**2)}" '
     text += " ".join(f'{key}="{_text(x)}"' for key, x in numbers.items())
     if math.isfinite(values.limit[k]):
         bound = _text(values.limit[k] / abs(gear))
@@ -196,7 +206,7 @@ def rollout_difference(
         _lock_joints(written, settings.lock, source)
     lead = math.ceil(values.delay / plant.step) + 2
     count = min(math.ceil((log.t[-1] - log.t[0]) / plant.step), MAX_PROOF_STEPS)
-    sent = log.commands_at(log.t[0] - lead * plant.step, plant.step, count + lead, 0.0) + values.shift
+    sent = plant.controls(values, log.commands_at(log.t[0] - lead * plant.step, plant.step, count + lead, 0.0))
     steps = values.delay / plant.step
     whole = math.floor(steps + 1e-9)
     late = np.vstack([sent[:1]] * (whole + 1) + [sent])
@@ -217,7 +227,7 @@ def _steps(model: Any, plant: ServoPlant, commands: Array, start: Array, lead: i
         if k <= lead:  # the buffers of the delay fill
             data.qpos[plant.positions] = start
             data.qvel[:] = 0.0
-        data.ctrl[plant.actuators] = plant.gear * row
+        data.ctrl[plant.actuators] = row
         mujoco.mj_step(model, data)
         path.append(data.qpos[plant.positions].copy())
     return np.array(path[lead:])

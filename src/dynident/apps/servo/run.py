@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps.servo.fit import ServoFit, fit_values
+from dynident.apps.servo.backlash import Backlash, find_backlash
+from dynident.apps.servo.fit import ServoFit, fit_values, split_into_windows
 from dynident.apps.servo.judge import ServoRollout, ServoUse, position_noise, roll_out, verdict_of
 from dynident.apps.servo.plant import ServoLog, ServoPlant, import_mujoco
 from dynident.apps.servo.robot import MAX_ROLLOUT_DIFFERENCE, load_plant, mjcf_text, rollout_difference, write_mjcf
@@ -16,13 +17,14 @@ from dynident.apps.servo.start import MAX_DELAY, SmoothLog, smooth_servo_log, st
 from dynident.apps.servo.suspects import suspect_entries
 from dynident.apps.servo.values import FRICTION, Entry, Quantity, ServoValues
 from dynident.checks import check_log
+from dynident.identification import SourceFile
 from dynident.models import Joint
 from dynident.project.config import model_file
 from dynident.project.drive_settings import ServoSettings
 from dynident.project.logs import read_recording, read_unchecked, turning_joints
 from dynident.project.project import Project, log_files
 from dynident.project.settings import Config, LogSpec, RobotSettings
-from dynident.runtime import ConfigError, ModelError, Noun, Severity, report_progress, require
+from dynident.runtime import ConfigError, ModelError, Noun, Severity, number, report_progress, require
 
 Array = NDArray[np.float64]
 MAX_NOISE_RATIO = 1.3  # of residuals to noise, beyond which another kind of commands is tried
@@ -32,8 +34,10 @@ MAX_ROUNDS = 2  # of testing what is given and fitting it too
 class ServoIdentification(Noun):
     """The identified model of a servo arm: the ``fit``, the values of the ``nominal`` file, and what they are worth.
 
-    ``suspects`` were given, but contradict the log, and are fitted too. ``mjcf`` is the robot file with the fitted
-    values, whose rollout is ``difference`` (rad, m) from that of the fit. ``hashes`` are the SHA-256 of all files read.
+    ``suspects`` were given, but contradict the log, and are fitted too; ``backlash`` is what a joint has and the model
+    has not. ``mjcf`` is the robot file with the fitted
+    values, whose rollout is ``difference`` (rad, m) from that of the fit. ``hashes`` are the SHA-256 of all files read;
+    commands are ``held``, else interpolated.
     """
 
     name: str
@@ -41,40 +45,69 @@ class ServoIdentification(Noun):
     fit: ServoFit
     nominal: ServoValues
     suspects: tuple[Entry, ...]
+    backlash: tuple[Backlash, ...]
     rollouts: tuple[ServoRollout, ...]
     mjcf: str
     difference: float
     warnings: tuple[str, ...]
     hashes: dict[str, str]
+    configuration: SourceFile | None
+    held: bool
 
     @property
     def use(self) -> ServoUse | None:
-        """What the model is good for, by held-out rollouts; None where there is none."""
-        return verdict_of(self.rollouts)
+        """What the model is good for, by held-out rollouts; None where there is none. With backlash, which is not in
+        the model, at best with care."""
+        use = verdict_of(self.rollouts)
+        return ServoUse.CARE if self.backlash and use is ServoUse.GOOD else use
+
+
+@dataclass(frozen=True)
+class ServoArm:
+    """A robot file as it is simulated: its ``text`` as an MJCF, the ``plant``, and its ``nominal`` values."""
+
+    robot: RobotSettings
+    settings: ServoSettings
+    source: str
+    text: str
+    plant: ServoPlant
+    nominal: ServoValues
+
+    def with_gaps(self, ks: Sequence[int]) -> ServoPlant:
+        """Return the plant with gaps behind some joints."""
+        names = self.plant.joints
+        return load_plant(self.robot, self.text, names, self.source, [names[k] for k in ks])
+
+
+def load_servos(project: Project) -> ServoArm:
+    """Return the arm of a configuration; ConfigError where it is not of that kind, else as ``identify_servo``."""
+    settings, robot = project.config.simulation, project.config.model
+    path = model_file(robot, project.path.parent)
+    if not isinstance(settings, ServoSettings) or not isinstance(robot, RobotSettings) or path is None:
+        raise ConfigError("a servo arm has a robot file as its `model` and `simulation: { kind: servo }`.")
+    text = mjcf_text(path)
+    plant = load_plant(robot, text, [joint.name for joint in project.model.joints], path.name)
+    return ServoArm(robot, settings, path.name, text, plant, nominal_values(plant, settings))
 
 
 def identify_servo(project: Project) -> ServoIdentification:
-    """Identify the arm of position servos that a configuration describes, by simulating it in MuJoCo.
+    """Identify the arm of servos that a configuration describes, by simulating it in MuJoCo.
 
     Raises ConfigError where the configuration is not of that kind, ModelError where MuJoCo is not installed or cannot
     simulate the file, InputError where a log cannot be used.
     """
     import_mujoco()
-    config, joints = project.config, project.model.joints
-    settings, robot = config.simulation, config.model
-    path = model_file(robot, project.path.parent)
-    if not isinstance(settings, ServoSettings) or not isinstance(robot, RobotSettings) or path is None:
-        raise ConfigError("a servo arm has a robot file as its `model` and `simulation: { kind: servo }`.")
-    text = mjcf_text(path)
-    names = [joint.name for joint in joints]
-    plant = load_plant(robot, text, names, path.name)
+    arm = load_servos(project)
+    config, joints, plant, nominal = project.config, project.model.joints, arm.plant, arm.nominal
+    settings = arm.settings
     logs, remarks = read_servo_logs(project)
     motions = {role: [smooth_servo_log(log) for log in logs[role]] for role in logs}
     warnings = [*project.warnings, *remarks]
-    nominal = nominal_values(plant, settings)
     report_progress("looking for the delay")
     fitted, fit, suspects = choose_fit(plant, motions["train"], nominal, settings)
     held = fitted[0].log.held
+    noise = np.max([position_noise(motion.log.q) for motion in fitted], axis=0)
+    gaps = find_backlash(arm.with_gaps, fitted, fit, noise)
     motions = {role: [motion if held else interpolate_commands(motion) for motion in motions[role]] for role in motions}
     if not held and settings.commands == "estimate":
         warnings.append("commands are interpolated: so the positions are explained better than if each is held.")
@@ -82,15 +115,27 @@ def identify_servo(project: Project) -> ServoIdentification:
     kp = np.where(np.isnan(nominal.kp), fit.values.kp, nominal.kp)  # of a file that says nothing of it
     before = replace(nominal, delay=fit.values.delay, kp=kp)
     rollouts = tuple(roll_out(plant, motion, role, fit.values, before) for role in motions for motion in motions[role])
-    mjcf = write_mjcf(text, plant, fit.values)
-    difference = rollout_difference(robot, mjcf, plant, fit.values, motions["train"][0].log, path.name)
+    mjcf = write_mjcf(arm.text, plant, fit.values)
+    difference = rollout_difference(arm.robot, mjcf, plant, fit.values, motions["train"][0].log, arm.source)
     if difference > MAX_ROLLOUT_DIFFERENCE:
-        raise ModelError(f"{path.name}: as written with the fitted values it moves differently, by {difference:.2g}.")
-    warnings += _fit_warnings(fit, plant)
+        raise ModelError(f"{arm.source}: as written with the fitted values it moves differently, by {difference:.2g}.")
+    warnings += [*_backlash_warnings(gaps, joints), *_fit_warnings(fit, plant)]
     files = [file for file in (project.sources.configuration, project.sources.model, *log_files(config)) if file]
     hashes = {file.path: file.sha256 for file in files}
     return ServoIdentification(
-        project.model.name, joints, fit, before, suspects, rollouts, mjcf, difference, tuple(warnings), hashes
+        project.model.name,
+        joints,
+        fit,
+        before,
+        suspects,
+        gaps,
+        rollouts,
+        mjcf,
+        difference,
+        tuple(warnings),
+        hashes,
+        project.sources.configuration,
+        held,
     )
 
 
@@ -101,7 +146,7 @@ def nominal_values(plant: ServoPlant, settings: ServoSettings) -> ServoValues:
     # an actuator that pulls to its command has the same gain on both, others say nothing of kp
     gain, pull = model.actuator_gainprm[plant.actuators, 0], -model.actuator_biasprm[plant.actuators, 1]
     file_kp = np.where(np.isclose(gain, pull) & (gain > 0), gain * plant.gear**2, np.nan)
-    kp = [kp if servo.kp == "estimate" else servo.kp for servo, kp in zip(servos, file_kp, strict=True)]
+    kp = [kp if servo.kp == "estimate" else servo.kp or 0.0 for servo, kp in zip(servos, file_kp, strict=True)]
     return ServoValues(
         armature=model.dof_armature[plant.dofs].copy(),
         damping=model.dof_damping[plant.dofs].reshape(len(servos), -1)[:, 0].copy(),
@@ -127,7 +172,7 @@ def choose_fit(
     entries = [Entry(quantity, k) for quantity in FRICTION for k in joints]
     entries += [Entry(Quantity.KP, k) for k in joints if free_kp[k]]
     entries += [Entry(Quantity.DELAY, 0)] if free_delay else []
-    fit = fit_values(plant, motions, start, entries)
+    motions, fit = fit_windows(plant, motions, start, entries)
     if settings.commands == "estimate" and _is_unexplained(fit, motions):
         motions, fit = _try_interpolated(plant, motions, nominal, fit)
     suspects: list[Entry] = []
@@ -138,8 +183,21 @@ def choose_fit(
             break
         suspects += proposed
         values = fit.values.changed(list(proposed), list(proposed.values()))
-        fit = fit_values(plant, motions, values, (*fit.entries, *proposed))
+        motions, fit = fit_windows(plant, motions, values, (*fit.entries, *proposed))
     return motions, fit, tuple(suspects)
+
+
+def fit_windows(
+    plant: ServoPlant, motions: Sequence[SmoothLog], values: ServoValues, entries: Sequence[Entry]
+) -> tuple[Sequence[SmoothLog], ServoFit]:
+    """Return recordings and fit from ``values``: in windows where torques are commanded, whose states are renewed."""
+    if not values.takes_torque.any():
+        return motions, fit_values(plant, motions, values, entries)
+    for _ in range(2):
+        windows = [split_into_windows(plant, motion, values) for motion in motions]
+        fit = fit_values(plant, windows, values, entries)
+        values = fit.values
+    return windows, fit
 
 
 def _is_unexplained(fit: ServoFit, motions: Sequence[SmoothLog]) -> bool:
@@ -152,10 +210,10 @@ def _try_interpolated(
 ) -> tuple[Sequence[SmoothLog], ServoFit]:
     """Return recordings and fit with commands that are interpolated, where these explain the positions better."""
     report_progress("trying interpolated commands")
-    lines = [interpolate_commands(motion) for motion in motions]
+    lines: Sequence[SmoothLog] = [interpolate_commands(motion) for motion in motions]
     # from the beginning: values that were fitted to other commands may be at their limits
     start = start_values(plant, lines, nominal, free_delay=Entry(Quantity.DELAY, 0) in fit.entries)
-    other = fit_values(plant, lines, start, fit.entries)
+    lines, other = fit_windows(plant, lines, start, fit.entries)
     return (lines, other) if np.log(other.scale).sum() < np.log(fit.scale).sum() else (motions, fit)
 
 
@@ -164,10 +222,23 @@ def interpolate_commands(motion: SmoothLog) -> SmoothLog:
     return replace(motion, log=replace(motion.log, held=False))
 
 
+def _backlash_warnings(gaps: Sequence[Backlash], joints: Sequence[Joint]) -> Iterator[str]:
+    """Yield what is to be said of gaps."""
+    for gap in gaps:
+        joint, place = joints[gap.k], "in front of" if gap.output else "behind"
+        unit = "mm" if joint.kind == "prismatic" else "mrad"
+        yield (
+            f"joint {joint.name!r} has about {number(1e3 * gap.size, 2)} {unit} of backlash {place} its encoder, which "
+            "is not in the model: add it to your simulation, or mend the gear."
+        )
+
+
 def _fit_warnings(fit: ServoFit, plant: ServoPlant) -> Iterator[str]:
     """Yield what is to be said of a fit."""
     if not fit.converged:
         yield "the search has not converged: the values may be off by more than their errors."
+    for entry in fit.vanished:
+        yield f"{entry_name(entry, plant.joints)} is driven to zero: another law, mass or gain may stand for it."
     if fit.values.delay > 0.9 * MAX_DELAY:
         yield f"the delay {fit.values.delay:.3g} s is the longest that is searched; are commands and positions in step?"
     if fit.values.delay == 0 and Entry(Quantity.DELAY, 0) in fit.entries:
@@ -190,7 +261,7 @@ def read_servo_logs(project: Project) -> tuple[dict[str, list[ServoLog]], tuple[
     """
     config, joints, warnings = project.config, project.model.joints, list[str]()
     if not isinstance(config.simulation, ServoSettings):
-        raise ConfigError("simulation: the recordings of position servos need `kind: servo`.")
+        raise ConfigError("simulation: the recordings of servos need `kind: servo`.")
     logs: dict[str, list[ServoLog]] = {}
     for role in ("train", "validation"):
         logs[role], remarks = _servo_logs(getattr(config, role), config, config.simulation, joints)
@@ -202,22 +273,31 @@ def _servo_logs(
     specs: Sequence[LogSpec], config: Config, settings: ServoSettings, joints: Sequence[Joint]
 ) -> tuple[list[ServoLog], list[str]]:
     """Return recordings with their commands, and warnings on their positions."""
-    channels = {name: servo.command for name, servo in settings.joints.items()}
+    servos = settings.joints.items()
     # commands are read as positions of their own, in full: those before a window act in it
-    command_config = config.model_copy(
-        update={
-            "position": channels,
-            "gaps": "split",
-            "time": config.time.model_copy(update={"spacing": "stamps"}),
-        }
-    )
+    takes_torque = np.array([settings.joints[joint.name].kp is None for joint in joints])
+    efforts = {joint.name: joint.effort for joint in joints}
+    # each joint has a channel of both kinds, of which one is its command
+    updates = {
+        "position": {name: config.position[name] if servo.kp is None else servo.command for name, servo in servos},
+        "torque": {
+            name: servo.command.model_copy(update={} if servo.kp is None else {"unit": efforts[name], "gain": 0.0})
+            for name, servo in servos
+        },
+        "gaps": "split",
+        "time": config.time.model_copy(update={"spacing": "stamps"}),
+    }
+    command_config = config.model_copy(update=updates)
     logs, warnings = list[ServoLog](), list[str]()
     for spec in specs:
         report_progress(f"reading {spec.label}")
         reading = read_unchecked(spec, config, joints, read_recording, torque=False)
         full = spec.model_copy(update={"window": (), "exclude": ()})
         pieces = read_unchecked(full, command_config, joints, read_recording, torque=False).logs
-        t, command = np.concatenate([piece.t for piece in pieces]), np.vstack([piece.q for piece in pieces])
+        t, command = (
+            np.concatenate([piece.t for piece in pieces]),
+            np.vstack([np.where(takes_torque, piece.tau, piece.q) for piece in pieces]),
+        )
         warnings += reading.warnings
         for log in reading.logs:
             kinds = {joint.name: joint.kind for joint in joints}

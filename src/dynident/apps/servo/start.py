@@ -25,8 +25,22 @@ MIN_DURATION = 0.8  # s of a recording: its first 0.5 s are not compared
 FLOORS = (1e-6, 1e-6, 1e-6)  # kg m^2, N m s, N m: the least that a search starts from
 
 
+class StateWindows(Noun):
+    """Samples ``starts`` to ``stops`` of a recording that are simulated anew from states that are found, too.
+
+    ``bases`` span by window what its state changes: orthonormal columns (m n, 2 n) over m samples of n joints.
+    """
+
+    starts: tuple[int, ...]
+    stops: tuple[int, ...]
+    bases: tuple[Array, ...]
+
+
 class SmoothLog(Noun):
-    """A recording on an even grid: t (N), smooth positions, speeds and accelerations (N, n), and the raw positions."""
+    """A recording on an even grid: t (N), smooth positions, speeds and accelerations (N, n), and the raw positions.
+
+    It is simulated as a whole, or in ``windows``.
+    """
 
     log: ServoLog
     t: Array
@@ -35,6 +49,7 @@ class SmoothLog(Noun):
     dq: Array
     ddq: Array
     sections: Array
+    windows: StateWindows | None = None
 
     def smooth(self, x: Array) -> Array:
         """Return x (N, n) behind the low-pass of the positions."""
@@ -93,7 +108,7 @@ def start_values(
     """
     rigid = [rigid_torques(plant, values, motion) for motion in motions]
     delays = np.arange(0.0, MAX_DELAY, DELAY_STEP) if free_delay else np.array([values.delay])
-    commands = [[_late_commands(motion, float(delay)) for motion in motions] for delay in delays]
+    commands = [[late_commands(motion, float(delay)) for motion in motions] for delay in delays]
     unknown = np.isnan(values.kp)
     if unknown.any():
         kp = max((_common_kp(motions, rigid, late, unknown) for late in commands), key=lambda pair: pair[1])[0]
@@ -109,7 +124,7 @@ def start_values(
     return replace(values, armature=armature, damping=damping, frictionloss=frictionloss, delay=delay)
 
 
-def _late_commands(motion: SmoothLog, delay: float) -> Array:
+def late_commands(motion: SmoothLog, delay: float) -> Array:
     """Return the commands (N, n) that act at the times of a motion, the mean of each step."""
     step = motion.t[1] - motion.t[0]
     return motion.log.commands_at(motion.t[0] - step / 2, step, len(motion.t), delay)
@@ -163,10 +178,10 @@ def _linear_fit(
 
     cost, table = 0.0, np.zeros((3, len(joints)))
     for j, joint in enumerate(joints):
-        sides = []
-        for motion, torque, command in zip(motions, rigid, late, strict=True):
-            spring = values.kp[j] * (command[:, j] - motion.raw[:, j]) - values.kd[j] * motion.dq[:, j]
-            sides.append(torque[:, j] - np.clip(spring, -values.limit[j], values.limit[j]))
+        sides = [
+            torque[:, j] - values.drive_torques(command, motion.raw, motion.dq)[:, j]
+            for motion, torque, command in zip(motions, rigid, late, strict=True)
+        ]
         matrix, side = _regression(motions, sides, j, joint)
         table[:, j], norm = nnls(matrix, side[:, 0])
         cost += len(side) * np.log(max(norm, 1e-12))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,20 +31,38 @@ def suspect_entries(plant: ServoPlant, motions: Sequence[SmoothLog], fit: ServoF
     """
     joints = range(len(plant.joints))
     candidates = [Entry(quantity, k) for quantity in MIN_CHANGES for k in joints]
-    candidates = [entry for entry in candidates if entry not in fit.entries and _matters(plant, entry)]
+    candidates = [entry for entry in candidates if entry not in fit.entries and _matters(plant, fit, entry)]
     slopes = sensitivity(plant, motions, fit.values, candidates, fit.residuals)
-    scale = joint_scale(fit.residuals)
     step = float(np.median(np.diff(motions[0].log.t)))
+
+    def accepts(k: int, change: float) -> bool:
+        return abs(change) > MIN_CHANGES[candidates[k].quantity]
+
+    chosen, shifts, _ = choose_columns(fit, slopes, step, MIN_GAIN, MIN_SCORE, accepts)
+    entries = [candidates[k] for k in chosen]
+    moved = fit.values.moved(entries, np.clip(shifts, -0.7, 0.7))
+    return {entry: moved.entry(entry) for entry in entries}
+
+
+def choose_columns(
+    fit: ServoFit, slopes: Array, step: float, min_gain: float, min_score: float, accepts: Callable[[int, float], bool]
+) -> tuple[list[int], Array, float]:
+    """Return which of the ``slopes`` (N', n, q) explain residuals of a fit beside its entries, their changes, and the
+    share of the squared error that they explain.
+
+    They are chosen one after the other, the best first, as long as each explains ``min_gain``, its change is accepted,
+    and its score is ``min_score`` standard errors, correlated over time; samples are ``step`` s apart.
+    """
+    scale = joint_scale(fit.residuals)
     weighted = fit.residuals / scale
     columns = (np.concatenate([fit.sensitivity, slopes], axis=-1) / scale[:, None]).reshape(weighted.size, -1)
-    fitted = list(range(len(fit.entries)))
-    chosen: list[int] = []
+    p = len(fit.entries)
+    fitted, total_gain = list(range(p)), 0.0
     while True:
         base = columns[:, fitted]
         rest = weighted.ravel() - base @ np.linalg.lstsq(base, weighted.ravel(), rcond=None)[0]
         gains = {}
-        for k in range(len(fit.entries), columns.shape[1]):
-            entry = candidates[k - len(fit.entries)]
+        for k in range(p, columns.shape[1]):
             own = columns[:, k] - base @ np.linalg.lstsq(base, columns[:, k], rcond=None)[0]
             size = float(own @ own)
             if k in fitted or size <= MIN_OWN_SHARE * float(columns[:, k] @ columns[:, k]):
@@ -52,20 +70,18 @@ def suspect_entries(plant: ServoPlant, motions: Sequence[SmoothLog], fit: ServoF
             change = -float(own @ rest) / size
             score = (own * rest).reshape(weighted.shape).sum(axis=1)
             spread = np.sqrt(max(correlated_sum(score[:, None], step)[0, 0], 1e-300))
-            if abs(score.sum()) > MIN_SCORE * spread and abs(change) > MIN_CHANGES[entry.quantity]:
+            if abs(score.sum()) > min_score * spread and accepts(k - p, change):
                 gains[k] = change**2 * size / float(rest @ rest)
         best = max(gains, key=lambda k: gains[k], default=None)
-        if best is None or gains[best] < MIN_GAIN:
+        if best is None or gains[best] < min_gain:
             break
+        total_gain += (1 - total_gain) * gains[best]
         fitted.append(best)
-        chosen.append(best)
-    if not chosen:
-        return {}
-    shifts = -np.linalg.lstsq(columns[:, fitted], weighted.ravel(), rcond=None)[0][-len(chosen) :]
-    entries = [candidates[k - len(fit.entries)] for k in chosen]
-    moved = fit.values.at(entries, fit.values.coordinates(entries) + np.clip(shifts, -0.7, 0.7))
-    return {entry: moved.entry(entry) for entry in entries}
+    changes = -np.linalg.lstsq(columns[:, fitted], weighted.ravel(), rcond=None)[0][p:]
+    return [k - p for k in fitted[p:]], np.asarray(changes, dtype=float), total_gain
 
 
-def _matters(plant: ServoPlant, entry: Entry) -> bool:
+def _matters(plant: ServoPlant, fit: ServoFit, entry: Entry) -> bool:
+    if entry.quantity is Quantity.KP:
+        return not fit.values.takes_torque[entry.k]
     return entry.quantity is not Quantity.MASS or bool(plant.model.body_mass[plant.bodies[entry.k]] > 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from enum import StrEnum
@@ -13,6 +14,9 @@ from numpy.typing import NDArray
 from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
+MAX_DROP = 2.0  # of a logarithm, in one step
+MAX_RISE, RETURN_VALUE = 3.0, 0.1  # factor in one step, and SI, to which a value near zero may come back in one
+MIN_VALUE = 1e-8  # SI: of what is positive; it stands for zero
 
 
 class Quantity(StrEnum):
@@ -44,10 +48,11 @@ class Entry(NamedTuple):
 
 
 class ServoValues(Noun):
-    """The values of an arm of n position servos, by joint (n) in SI, and the delay (s) from command to position.
+    """The values of an arm of n servos, by joint (n) in SI, and the delay (s) from command to position.
 
-    The torque of a joint is kp (command + command_offset - offset - q) - kd dq within +-limit. ``offset`` is what the
-    encoder shows too much, ``mass`` a factor on mass and inertia of the body that the joint moves.
+    The torque of a joint is kp (command + command_offset - offset - q) - kd dq within +-limit, and where kp is zero
+    command + command_offset - kd dq: a commanded torque. ``offset`` is what the encoder shows too much, ``mass`` a
+    factor on mass and inertia of the body that the joint moves.
     """
 
     armature: Array
@@ -63,8 +68,18 @@ class ServoValues(Noun):
 
     @property
     def shift(self) -> Array:
-        """What is added (n) to commands, which are in the frame of the encoders."""
-        return self.command_offset - self.offset
+        """What is added (n) to commands; those of positions are in the frame of the encoders."""
+        return self.command_offset - np.where(self.takes_torque, 0.0, self.offset)
+
+    @property
+    def takes_torque(self) -> NDArray[np.bool_]:
+        """Whether the command of a joint (n) is a torque."""
+        return np.asarray(self.kp == 0)
+
+    def drive_torques(self, command: Array, q: Array, dq: Array) -> Array:
+        """Return the torques (N, n) of the servos at encoder positions and speeds (N, n)."""
+        side = np.where(self.takes_torque, command + self.command_offset, self.kp * (command + self.command_offset - q))
+        return np.asarray(np.clip(side - self.kd * dq, -self.limit, self.limit))
 
     def entry(self, entry: Entry) -> float:
         """Return a number of the values."""
@@ -82,12 +97,18 @@ class ServoValues(Noun):
             fields[quantity] = array
         return replace(self, **fields)  # type: ignore[arg-type]
 
-    def coordinates(self, entries: Sequence[Entry]) -> Array:
-        """Return what a search moves: the logarithm of what is positive."""
-        pairs = [(entry, self.entry(entry)) for entry in entries]
-        return np.array([np.log(x) if entry.quantity.positive else x for entry, x in pairs])
-
-    def at(self, entries: Sequence[Entry], coordinates: Array) -> ServoValues:
-        """Return the values at coordinates of a search."""
-        pairs = zip(entries, coordinates, strict=True)
-        return self.changed(entries, [np.exp(x) if entry.quantity.positive else x for entry, x in pairs])
+    def moved(self, entries: Sequence[Entry], steps: Sequence[float] | Array) -> ServoValues:
+        """Return the values after steps (p) of a search: relative ones of what is positive, which stays so."""
+        numbers = []
+        for entry, step in zip(entries, steps, strict=True):
+            number = self.entry(entry)
+            if entry.quantity.positive:
+                # up by the share, so that a value near zero comes back at once; down by a logarithm
+                if step > 0:
+                    number = min(number * (1 + step), max(MAX_RISE * number, RETURN_VALUE))
+                else:
+                    number = max(number * math.exp(max(step, -MAX_DROP)), MIN_VALUE)
+            else:
+                number += step
+            numbers.append(number)
+        return self.changed(entries, numbers)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import ast
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, ClassVar
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from dynident.files.xml_text import XmlNode, XmlText
 from dynident.models import RigidBodies
@@ -28,9 +31,12 @@ from dynident.project.export.servos import range_comment, ranges
 from dynident.project.export.simulator_code import ISAAC, PINOCCHIO
 from dynident.project.export.tree_text import element
 from dynident.project.export.written import ExportText, Reader, States, place_values
+from dynident.runtime import DynidentError
 
 Array = NDArray[np.float64]
 DRAKE_NAMESPACE = "http://drake.mit.edu"
+DRAKE_MODEL, DRAKE_PACKAGE = "arm", "dynident"  # names in model directives
+EARTH = 9.81  # m/s^2, gravity of a world of Drake
 SHAPES = ("visual", "collision")
 CHECKED_STATES = 5  # that a Pinocchio file compares when it is run
 
@@ -109,6 +115,66 @@ class Drake(RobotFile):
         dry = drives(place_values(identified, armature=True), armature=True).friction
         friction = np.array([dry.get(joint.name, 0.0) for joint in identified.bodies[0].joints])
         return np.asarray(drives_torque(identified, states, armature=True) - friction * np.sign(states[1]))
+
+
+def torque_by_directives(text: str, identified: IdentifiedModel, states: States) -> Array:
+    """Return the torque of the URDF for Drake, welded by model directives into a world where gravity points down."""
+    bodies, _ = identified.bodies
+    _, weld = yaml.load(text, _Directives)["directives"]  # noqa: S506 - a safe loader with one more tag
+    angles = np.radians(weld["add_weld"]["X_PC"]["rotation"])
+    down = Rotation.from_euler("xyz", angles).inv().apply([0.0, 0.0, -np.linalg.norm(bodies.gravity)])
+    if not np.allclose(down, bodies.gravity, atol=1e-9) or weld["add_weld"]["child"] != _drake_root(bodies):
+        raise DynidentError("gravity differs")
+    return Drake.readers["dynident"](Drake().write(identified).text, identified, states)
+
+
+class _Directives(yaml.SafeLoader):
+    """A loader of YAML that knows how Drake writes angles."""
+
+
+def _read_angles(loader: yaml.SafeLoader, node: yaml.MappingNode) -> Any:
+    return loader.construct_mapping(node, deep=True)["deg"]
+
+
+_Directives.add_constructor("!Rpy", _read_angles)
+
+
+def _drake_root(bodies: RigidBodies) -> str:
+    return f"{DRAKE_MODEL}::{bodies.file.root}"
+
+
+@dataclass(frozen=True)
+class DrakeDirectives:
+    """Model directives of Drake: the URDF for it, with its root welded so that gravity acts as in the model."""
+
+    format: ClassVar[str] = "drake_directives"
+    readers: ClassVar[Mapping[str, Reader]] = {"dynident": torque_by_directives}
+
+    def file(self, identified: IdentifiedModel) -> str:
+        """Return the name of the file."""
+        return f"{PurePath(Drake().file(identified)).stem}.dmd.yaml"
+
+    def write(self, identified: IdentifiedModel) -> ExportText:
+        """Return the directives, in which names are quoted."""
+        bodies, urdf, name = identified.bodies[0], Drake().write(identified), Drake().file(identified)
+        w, *axis = _upright(bodies.gravity)
+        angles = np.degrees(Rotation.from_quat([*axis, w]).as_euler("xyz")).tolist()
+        lines = [
+            "directives:",
+            f"- add_model: {{ name: {DRAKE_MODEL}, file: {json.dumps(f'package://{DRAKE_PACKAGE}/{name}')} }}",
+            f"- add_weld:\n    parent: world\n    child: {json.dumps(_drake_root(bodies))}",
+            f"    X_PC: {{ rotation: !Rpy {{ deg: {angles} }} }}",
+        ]
+        size = float(np.linalg.norm(bodies.gravity))
+        world = [] if abs(size - EARTH) < 1e-6 else [f"gravity of {size:g} m/s^2: set it in the plant"]
+        notes = [note for note in urdf.notes if not note.startswith("gravity ")]
+        beside = f"it names {name}, which is written beside it by --format drake, in a package {DRAKE_PACKAGE!r}: "
+        beside += f"parser.package_map().Add({DRAKE_PACKAGE!r}, folder)"
+        return ExportText("\n".join(lines) + "\n", urdf.left_out, (*notes, *world, beside))
+
+    def torque(self, identified: IdentifiedModel, states: States) -> Array:
+        """Return the torque of the URDF for Drake."""
+        return Drake().torque(identified, states)
 
 
 def _drake_lines(armature: float, servo: Servo) -> list[str]:

@@ -1,0 +1,78 @@
+"""What is to be said of a servo configuration and its recordings before they are fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.apps.servo.plant import ServoLog, ServoPlant
+from dynident.apps.servo.run import load_servos, read_servo_logs
+from dynident.apps.servo.start import MAX_DELAY, SmoothLog, late_commands, smooth_servo_log, start_values
+from dynident.apps.servo.values import ServoValues
+from dynident.checks import CheckResult, timing
+from dynident.motion.log import Log
+from dynident.project.drive_settings import ServoSettings
+from dynident.project.project import Project
+from dynident.runtime import DynidentError, Finding, Remark, Severity, number, percent
+
+Array = NDArray[np.float64]
+MAX_LIMIT_SHARE = 0.1  # of samples in which a servo gives all that it can
+LIMIT_SLACK = 0.98  # of a limit
+MIN_RATE = 25.0  # Hz
+
+
+def examine_servos(project: Project) -> CheckResult:
+    """Return what is found in the recordings of an arm of servos: their rate and gaps, servos at their limits, and
+    how late commands act. What cannot be used is an error among the findings."""
+    findings = [Finding(Remark(text), source=project.path.name) for text in project.warnings]
+    logs: Mapping[str, Sequence[ServoLog]] = {}
+    try:
+        logs, warnings = read_servo_logs(project)
+        findings += [Finding(Remark(text)) for text in warnings]
+        arm = load_servos(project)
+        motions = [smooth_servo_log(log) for role in logs for log in logs[role]]
+        train = motions[: len(logs["train"])]
+        settings = project.config.simulation
+        is_free = isinstance(settings, ServoSettings) and settings.delay == "estimate"
+        values = start_values(arm.plant, train, arm.nominal, free_delay=is_free)
+        findings += [*_rate_findings(motions), *_limit_findings(arm.plant, motions, values), _delay_finding(values)]
+        if not logs["validation"]:
+            words = "no recording is held out, so that the model will not be judged; name one under `validation`"
+            findings.append(Finding(Remark(words)))
+    except DynidentError as error:
+        findings.append(Finding(Remark(str(error)), severity=Severity.ERROR))
+    names = tuple(joint.name for joint in project.model.joints)
+    tables = [Log(log.t, log.q, np.zeros_like(log.q), names, log.name) for role in logs for log in logs[role]]
+    findings.sort(key=lambda finding: list(Severity).index(finding.severity))
+    return CheckResult(tuple(findings), {log.source: timing(log) for log in tables})
+
+
+def _rate_findings(motions: Sequence[SmoothLog]) -> Iterator[Finding]:
+    for motion in motions:
+        rate = 1 / float(motion.t[1] - motion.t[0])
+        if rate < MIN_RATE:
+            words = f"{number(rate, 2)} Hz shows little of armature and delay; record at {MIN_RATE:g} Hz or faster"
+            yield Finding(Remark(words), source=motion.log.name)
+
+
+def _limit_findings(plant: ServoPlant, motions: Sequence[SmoothLog], values: ServoValues) -> Iterator[Finding]:
+    """Yield the servos that are at their limit, where their torque tells nothing of the position."""
+    for motion in motions:
+        torques = values.drive_torques(late_commands(motion, values.delay), motion.raw, motion.dq)
+        shares = (np.abs(torques) >= LIMIT_SLACK * values.limit).mean(axis=0)
+        for joint, share, limit in zip(plant.joints, shares, values.limit, strict=True):
+            if share > MAX_LIMIT_SHARE:
+                words = (
+                    f"the servo is at its limit of {number(limit)} in {percent(100 * share)} of the samples: is "
+                    "`limit` that of the servo? Else move less, or slower"
+                )
+                yield Finding(Remark(words), joint=joint, source=motion.log.name)
+
+
+def _delay_finding(values: ServoValues) -> Finding:
+    words = f"commands act about {number(1e3 * values.delay, 2)} ms before positions answer"
+    if values.delay > 0.9 * MAX_DELAY:
+        return Finding(Remark(f"{words}, the longest delay that is searched; are commands and positions in step?"))
+    return Finding(Remark(words), severity=Severity.INFO)

@@ -32,6 +32,6 @@ def identified() -> ServoIdentification:
     joints = tuple(Joint(name) for name in SERVO_JOINTS)
     rollouts = (rollout("monday", "train", 0.002), rollout("tuesday", "validation", 0.00345678))
     return ServoIdentification(
-        "arm", joints, fit, values(FILE_VALUES), ENTRIES[:2], rollouts, "<mujoco/>", 1e-9, ("odd <b>",),
-        {"servos.xml": "0a1b"},
+        "arm", joints, fit, values(FILE_VALUES), ENTRIES[:2], (), rollouts, "<mujoco/>", 1e-9,
+        ("odd <b>",), {"servos.xml": "0a1b"}, None, True,
     )  # fmt: skip

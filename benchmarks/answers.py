@@ -37,6 +37,7 @@ from dynident.motion.log import Log
 from dynident.motion.smoothers import Spline
 from dynident.motion.smoothers.spline import NOISE_FACTORS
 from dynident.motion.splines import NORMAL_95
+from dynident.regression import BaseParameters
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -93,9 +94,11 @@ def one_run(joints: int, correlation: float, seed: int, run: int, bound: bool) -
     payload = find_payload(before, {"loaded": arm.log(correlation, rng, 1, loaded)})
     after = identify(arm.nominal, [arm.log(correlation, rng, 1, changed)], recipe=recipe)
     offset, tilt = before.calibration.time_offset, before.calibration.base_tilt
+    assert offset is not None
+    assert tilt is not None
     return {
         "parameters": parameter_rows(before, arm.theta),
-        "offset": rows(("offset",), [offset.seconds - 0.004], [offset.std]),
+        "offset": rows(("offset",), [offset.seconds - 0.004], [offset.std or np.nan]),
         "tilt": rows(("x", "y"), np.subtract((tilt.x, tilt.y), TILT), tilt.std),
         "payload": rows(("m", "x", "y", "z"), payload.body.values[:4] - (MASS, *CENTRE), payload.body.std[:4]),
         "change": change_rows(before, after, changed - arm.theta),
@@ -110,36 +113,44 @@ def rows(names: Iterable[str], errors: Iterable[float], stds: Iterable[float]) -
 
 
 def parameter_rows(result: Identification, theta: Array) -> list[Row]:
+    std = result.errors.base_std
+    assert std is not None
+    return rows(base_names(result), basis_of(result).to_base(result.estimate.value - theta), std)
+
+
+def basis_of(result: Identification) -> BaseParameters:
     basis = result.base.on_data
-    names = [basis.names[k] for k in basis.independent]
-    return rows(names, basis.to_base(result.estimate.value - theta), result.errors.base_std)
+    assert basis is not None
+    return basis
+
+
+def base_names(result: Identification) -> tuple[str, ...]:
+    basis = basis_of(result)
+    return tuple(basis.names[k] for k in basis.independent)
 
 
 def bound_rows(arm: Arm, log: Log) -> list[Row]:
     """Return the errors of maximum likelihood beside the least standard deviations of the bound."""
     result = identify(arm.nominal, [log], recipe=Recipe(estimator=MaximumLikelihood()))
     least = accuracy_bound(arm.nominal, [log])
-    basis = result.base.on_data
-    return rows(least.names, basis.to_base(result.estimate.value - arm.theta), least.std["now"])
+    return rows(least.names, basis_of(result).to_base(result.estimate.value - arm.theta), least.std["now"])
 
 
 def change_rows(before: Identification, after: Identification, step: Array) -> list[Row]:
     """Return the errors of the differences of base parameters that ``compare`` shows."""
     comparison = compare_results(compared(before), compared(after))
-    basis = before.base.on_data
-    names = [basis.names[k] for k in basis.independent]
-    true_step = dict(zip(names, basis.to_base(step), strict=True))
+    true_step = dict(zip(base_names(before), basis_of(before).to_base(step), strict=True))
     found = [row for row in comparison.base if row.name in true_step]
     errors = [row.second - row.first - true_step[row.name] for row in found]
     return rows([row.name for row in found], errors, [np.hypot(row.first_std, row.second_std) for row in found])
 
 
 def compared(result: Identification) -> ComparedResult:
-    basis = result.base.on_data
-    names = tuple(basis.names[k] for k in basis.independent)
+    basis, names, covariance = basis_of(result), base_names(result), result.errors.base_covariance
+    assert covariance is not None
     return ComparedResult(
         "result", tuple(joint.name for joint in result.model.joints), result.model.names, result.estimate.value, names,
-        ("",) * len(names), basis.combination, basis.scale, result.errors.base_covariance,
+        ("",) * len(names), basis.combination, basis.scale, covariance,
     )  # fmt: skip
 
 

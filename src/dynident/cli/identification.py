@@ -337,8 +337,5 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
         *(f"{words}." for words in model_export.proof.skipped),
     ):
         screen.say(note)
-    screen.say(
-        f"Loaded again, its torque differs from each joint's by a share of {tiny(model_export.proof.agreement)} at "
-        "most."
-    )
+    screen.say(f"Reloaded, its torque differs by at most {tiny(model_export.proof.agreement)} of each joint's torque.")
     print_path(screen, "Model", write_text(out, model_export.written.text))

@@ -36,7 +36,7 @@ ALLOW_CODE = click.option(
     "--allow-code", is_flag=True, help="Run the Python files that RESULT names. Use this only if you trust them."
 )
 
-_LOG_HELP = "File to which all that is said is added, with the time, the version and the command line."
+_LOG_HELP = "File to which all output is appended, with the time, the version and the command line."
 
 PACKAGES = ("numpy", "scipy", "polars", "click")
 

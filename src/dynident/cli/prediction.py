@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: bool) -> None:
     """Predict the torque of each LOG with the model in RESULT (the result.json of identify).
 
-    Of servos RESULT is servo.json, and it is positions that are predicted from the commands in LOG.
+    For servos, RESULT is servo.json, and positions are predicted from the commands in LOG.
 
     LOG has the channels of the configuration that was identified; torques may be missing. Where the configuration
     names several files for a recording, LOG is key=file,key=file.

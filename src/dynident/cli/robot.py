@@ -52,7 +52,7 @@ POSITIVE = FiniteRange(0, min_open=True)
 )  # fmt: skip
 @click.option(
     "--for", "purpose", type=click.Choice(["torque", "servo"]), default="torque", show_default=True,
-    help="Logs of torques; or of servos: chirps as commands (CSV), and the configuration that reads them.",
+    help="Motion for logs with torques; or commands (CSV, chirps) for position servos, which log none.",
 )  # fmt: skip
 @click.option("--duration", type=POSITIVE, metavar="S", help="Longest duration, with approach and return.")
 @click.option("--criterion", type=click.Choice(["d", "a", "condition"]), help="What is optimised.")

@@ -151,8 +151,8 @@ def _rank_table(check: CheckResult) -> PageTable:
     rank = check.rank
     assert rank is not None  # noqa: S101 -- made together with the excitations
     row = (str(rank.count), str(rank.structural), str(rank.on_data), number(rank.condition, 3))
-    heads = ("parameters", "rank any motion shows", "rank of these motions", "condition")
-    return PageTable.of((), heads, [row], "What the training shows of the model")
+    heads = ("parameters", "maximum rank", "rank in training", "condition")
+    return PageTable.of((), heads, [row], "Identifiability on the training logs")
 
 
 def _channel_table(name: str, channels: Sequence[ChannelFacts]) -> PageTable:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.estimators import Ridge
 from dynident.identification import Identification, Remedy, Verdict, judge
-from dynident.identification import verdict as why
+from dynident.identification import verdict_reasons as why
 from dynident.identification import verdict_rules as rules
 from dynident.identification.links import scaled_covariance
 from dynident.identification.verdict_rules import ConstraintEffect, constraint_effect

@@ -12,7 +12,7 @@ from dynident.apps.servo.judge import ServoRollout, ServoUse
 from dynident.apps.servo.predict import ServoPrediction
 from dynident.apps.servo.run import ServoIdentification, entry_name
 from dynident.apps.servo.values import FRICTION, Entry, Quantity
-from dynident.project.result_format import SERVO_FORMAT
+from dynident.project.result_format import SERVO_FORMAT, SERVO_VERSION
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, INK, curve, panels
 from dynident.report.page import UNIT, Badge, Column, Facts, Figure, Fold, Gallery, PageSection, PageTable, render
@@ -173,7 +173,7 @@ def servo_dict(result: ServoIdentification) -> dict[str, Any]:
         for r in result.rollouts
     ]  # fmt: skip
     return {
-        "format": SERVO_FORMAT, "version": 1,
+        "format": SERVO_FORMAT, "version": SERVO_VERSION,
         "robot": result.name, "use": None if result.use is None else str(result.use),
         "joints": [joint.name for joint in result.joints], "parameters": rows, "rollouts": rollouts,
         "backlash": [

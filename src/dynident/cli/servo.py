@@ -79,9 +79,9 @@ def write_chirps(
     Raises ConfigError where ``robot`` is no robot file, or a file that was changed by hand would be replaced, and the
     errors of reading and of ``design_chirps``.
     """
-    from dynident.apps.excitation import DEFAULT_SPEED, command_csv, design_chirps
+    from dynident.apps.excitation import DEFAULT_RATE, DEFAULT_SPEED, command_csv, design_chirps
     from dynident.apps.excitation.robot import read_excitation
-    from dynident.apps.init.config_draft import servo_config
+    from dynident.apps.init.servo_config import servo_config
     from dynident.files.folder import result_folder
     from dynident.files.opener import refuse_inputs
     from dynident.files.xml_text import SUFFIXES
@@ -90,13 +90,14 @@ def write_chirps(
 
     if robot.suffix.lower() not in SUFFIXES:
         raise ConfigError(f"{robot}: --for servo takes a robot file (URDF, MJCF); settings go into --settings FILE.")
-    names = {"motion.csv", "validation.csv", "identify.yaml"}
     with result_folder(out) as folder, status():
-        refuse_inputs(*(folder.path / name for name in names))
+        refuse_inputs(*(folder.path / name for name in ("motion.csv", "validation.csv", "identify.yaml")))
         if (folder.path / "identify.yaml").exists():
             raise ConfigError(f"{out / 'identify.yaml'}: exists already, perhaps edited; choose another folder.")
-        choices = {"rate": 100.0, "grippers": True, **changes}
-        project = read_excitation(robot, settings, choices, allow_code=allow_code, speed=DEFAULT_SPEED)
+        project = read_excitation(
+            robot, settings, {**changes, "grippers": True}, allow_code=allow_code, defaults={"rate": DEFAULT_RATE},
+            speed=DEFAULT_SPEED,
+        )  # fmt: skip
         motion, validation = design_chirps(project)
         text, blanks = servo_config(str(robot), project.prior.model.joints, folder.path)
         parse_project(text, folder.path / "identify.yaml")  # what is written can be read

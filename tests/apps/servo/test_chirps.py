@@ -61,7 +61,7 @@ def test_chirps_keep_their_limits_and_show_the_arm(tmp_path, monkeypatch) -> Non
     assert model.dof_armature == pytest.approx(TRUE_VALUES["armature"], rel=0.05)
 
 
-def test_what_cannot_be_designed_is_refused(tmp_path, monkeypatch) -> None:
+def test_settings_are_followed_and_what_cannot_be_designed_is_refused(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "arm.xml").write_text(servo_mjcf(FILE_VALUES))
     (tmp_path / "pose.yaml").write_text("start: { elbow: 0.3 }\nlimits: { elbow: { lower: 0.29, upper: 0.3 } }\n")
@@ -70,6 +70,8 @@ def test_what_cannot_be_designed_is_refused(tmp_path, monkeypatch) -> None:
     assert "takes a robot file" in " ".join(refused.output.split())
     refused = run("excite", "--for", "servo", "arm.xml", "-o", "b", "--settings", "pose.yaml")
     assert "joint 'elbow' has no room" in " ".join(refused.output.split())
-    assert run("excite", "--for", "servo", "arm.xml", "-o", "c", "--duration", "5").exit_code == 0
+    (tmp_path / "rate.yaml").write_text("rate: 50\nduration: 5\n")
+    assert run("excite", "--for", "servo", "arm.xml", "-o", "c", "--settings", "rate.yaml").exit_code == 0
+    assert len(pl.read_csv("c/motion.csv")) == 250
     again = run("excite", "--for", "servo", "arm.xml", "-o", "c")
     assert "exists already" in " ".join(again.output.split())

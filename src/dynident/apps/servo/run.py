@@ -35,9 +35,8 @@ class ServoIdentification(Noun):
     """The identified model of a servo arm: the ``fit``, the values of the ``nominal`` file, and what they are worth.
 
     ``suspects`` were given, but contradict the log, and are fitted too; ``backlash`` is what a joint has and the model
-    has not. ``mjcf`` is the robot file with the fitted
-    values, whose rollout is ``difference`` (rad, m) from that of the fit. ``hashes`` are the SHA-256 of all files read;
-    commands are ``held``, else interpolated.
+    has not. ``mjcf`` is the robot file with the fitted values, whose rollout is ``difference`` (rad, m) from that of
+    the fit. ``hashes`` are the SHA-256 of all files read; commands are ``held``, else interpolated.
     """
 
     name: str
@@ -123,20 +122,9 @@ def identify_servo(project: Project) -> ServoIdentification:
     files = [file for file in (project.sources.configuration, project.sources.model, *log_files(config)) if file]
     hashes = {file.path: file.sha256 for file in files}
     return ServoIdentification(
-        project.model.name,
-        joints,
-        fit,
-        before,
-        suspects,
-        gaps,
-        rollouts,
-        mjcf,
-        difference,
-        tuple(warnings),
-        hashes,
-        project.sources.configuration,
-        held,
-    )
+        project.model.name, joints, fit, before, suspects, gaps, rollouts, mjcf, difference, tuple(warnings), hashes,
+        project.sources.configuration, held,
+    )  # fmt: skip
 
 
 def nominal_values(plant: ServoPlant, settings: ServoSettings) -> ServoValues:
@@ -294,10 +282,8 @@ def _servo_logs(
         reading = read_unchecked(spec, config, joints, read_recording, torque=False)
         full = spec.model_copy(update={"window": (), "exclude": ()})
         pieces = read_unchecked(full, command_config, joints, read_recording, torque=False).logs
-        t, command = (
-            np.concatenate([piece.t for piece in pieces]),
-            np.vstack([np.where(takes_torque, piece.tau, piece.q) for piece in pieces]),
-        )
+        t = np.concatenate([piece.t for piece in pieces])
+        command = np.vstack([np.where(takes_torque, piece.tau, piece.q) for piece in pieces])
         warnings += reading.warnings
         for log in reading.logs:
             kinds = {joint.name: joint.kind for joint in joints}

@@ -101,7 +101,7 @@ def bound() -> str:
     from dynident.apps.bound import bound_page
     from tests.apps.test_bound import found
 
-    return bound_page(replace(found()))
+    return bound_page(found())
 
 
 def servo() -> str:
@@ -254,17 +254,9 @@ def watch_lines() -> Iterator[str]:
 
 
 SWEEPS = (
-    ranking_lines,
-    fleet_lines,
-    comparison_lines,
-    payload_lines,
-    check_lines,
-    study_lines,
-    excitation_lines,
-    servo_lines,
-    bound_lines,
-    watch_lines,
-)
+    ranking_lines, fleet_lines, comparison_lines, payload_lines, check_lines, study_lines, excitation_lines,
+    servo_lines, bound_lines, watch_lines,
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("lines", SWEEPS, ids=lambda lines: lines.__name__)

@@ -7,33 +7,14 @@ import numpy as np
 import polars as pl
 import pytest
 
-from dynident.apps.demo.servo_arm import (
-    COUNT,
-    FILE_VALUES,
-    LOG_EVERY,
-    SERVO_JOINTS,
-    STEP,
-    TRUE_DELAY,
-    TRUE_VALUES,
-    servo_mjcf,
-)
+from dynident.apps.demo.servo_arm import FILE_VALUES, SERVO_JOINTS, TRUE_VALUES, play_commands, servo_mjcf
 from tests.cli.commands import run
 
 
 def play(commands: str, out: str) -> None:
     """Record what the demo's arm does by the commands of a file."""
     table = pl.read_csv(commands)
-    command = table.select([f"cmd_{name}" for name in SERVO_JOINTS]).to_numpy()
-    data = mujoco.MjData(mujoco.MjModel.from_xml_string(servo_mjcf(TRUE_VALUES)))
-    data.qpos[:], q, late = command[0], np.empty(command.shape), TRUE_DELAY / STEP
-    for k in range(len(command) * LOG_EVERY):
-        if k % LOG_EVERY == 0:
-            q[k // LOG_EVERY] = np.round(data.qpos / COUNT) * COUNT
-        edges = np.maximum(np.array([k - late, k + 1 - late]), 0)  # of a command that comes within a step, its share
-        first, last = (np.floor(edges + np.array([0, -1e-9])) / LOG_EVERY).astype(int)
-        share = 0.0 if first == last else edges[1] - last * LOG_EVERY
-        data.ctrl[:] = (1 - share) * command[first] + share * command[last]
-        mujoco.mj_step(data.model, data)
+    q = play_commands(table.select([f"cmd_{name}" for name in SERVO_JOINTS]).to_numpy())
     table.with_columns(**{f"pos_{name}": q[:, k] for k, name in enumerate(SERVO_JOINTS)}).write_csv(out)
 
 

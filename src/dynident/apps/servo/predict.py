@@ -64,11 +64,8 @@ def predict_servos(path: Path, names: Sequence[str], *, allow_code: bool = False
     rollouts = []
     for log in logs["train"]:
         report_progress(f"simulating {log.name}")
-        motion = smooth_servo_log(log)
-        nominal = replace(arm.nominal, kp=values.kp, delay=values.delay)
-        rollouts.append(
-            roll_out(arm.plant, motion if held else interpolate_commands(motion), "predict", values, nominal)
-        )
+        motion = smooth_servo_log(log) if held else interpolate_commands(smooth_servo_log(log))
+        rollouts.append(roll_out(arm.plant, motion, "predict", values, arm.beside(values)))
     return ServoPrediction(project.model.joints, tuple(rollouts), tuple(warnings))
 
 

@@ -72,6 +72,11 @@ class ServoArm:
     plant: ServoPlant
     nominal: ServoValues
 
+    def beside(self, values: ServoValues) -> ServoValues:
+        """Return the file's values to compare with: with the delay that was found, and the kp that it does not say."""
+        kp = np.where(np.isnan(self.nominal.kp), values.kp, self.nominal.kp)
+        return replace(self.nominal, delay=values.delay, kp=kp)
+
     def with_gaps(self, ks: Sequence[int]) -> ServoPlant:
         """Return the plant with gaps behind some joints."""
         names = self.plant.joints
@@ -111,8 +116,7 @@ def identify_servo(project: Project) -> ServoIdentification:
     if not held and settings.commands == "estimate":
         warnings.append("commands are interpolated: so the positions are explained better than if each is held.")
     report_progress("simulating all recordings")
-    kp = np.where(np.isnan(nominal.kp), fit.values.kp, nominal.kp)  # of a file that says nothing of it
-    before = replace(nominal, delay=fit.values.delay, kp=kp)
+    before = arm.beside(fit.values)
     rollouts = tuple(roll_out(plant, motion, role, fit.values, before) for role in motions for motion in motions[role])
     mjcf = write_mjcf(arm.text, plant, fit.values)
     difference = rollout_difference(arm.robot, mjcf, plant, fit.values, motions["train"][0].log, arm.source)

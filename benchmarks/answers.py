@@ -37,6 +37,7 @@ from dynident.motion.log import Log
 from dynident.motion.smoothers import Spline
 from dynident.motion.smoothers.spline import NOISE_FACTORS
 from dynident.motion.splines import NORMAL_95
+from dynident.regression import BaseParameters
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -93,6 +94,9 @@ def one_run(joints: int, correlation: float, seed: int, run: int, bound: bool) -
     payload = find_payload(before, {"loaded": arm.log(correlation, rng, 1, loaded)})
     after = identify(arm.nominal, [arm.log(correlation, rng, 1, changed)], recipe=recipe)
     offset, tilt = before.calibration.time_offset, before.calibration.base_tilt
+    assert offset is not None
+    assert offset.std is not None
+    assert tilt is not None
     return {
         "parameters": parameter_rows(before, arm.theta),
         "offset": rows(("offset",), [offset.seconds - 0.004], [offset.std]),
@@ -109,9 +113,16 @@ def rows(names: Iterable[str], errors: Iterable[float], stds: Iterable[float]) -
     ]
 
 
-def parameter_rows(result: Identification, theta: Array) -> list[Row]:
+def basis_of(result: Identification) -> tuple[BaseParameters, tuple[str, ...]]:
+    """Return the base parameters that the data show, and the names of the independent ones."""
     basis = result.base.on_data
-    names = [basis.names[k] for k in basis.independent]
+    assert basis is not None
+    return basis, tuple(basis.names[k] for k in basis.independent)
+
+
+def parameter_rows(result: Identification, theta: Array) -> list[Row]:
+    basis, names = basis_of(result)
+    assert result.errors.base_std is not None
     return rows(names, basis.to_base(result.estimate.value - theta), result.errors.base_std)
 
 
@@ -119,15 +130,14 @@ def bound_rows(arm: Arm, log: Log) -> list[Row]:
     """Return the errors of maximum likelihood beside the least standard deviations of the bound."""
     result = identify(arm.nominal, [log], recipe=Recipe(estimator=MaximumLikelihood()))
     least = accuracy_bound(arm.nominal, [log])
-    basis = result.base.on_data
+    basis, _ = basis_of(result)
     return rows(least.names, basis.to_base(result.estimate.value - arm.theta), least.std["now"])
 
 
 def change_rows(before: Identification, after: Identification, step: Array) -> list[Row]:
     """Return the errors of the differences of base parameters that ``compare`` shows."""
     comparison = compare_results(compared(before), compared(after))
-    basis = before.base.on_data
-    names = [basis.names[k] for k in basis.independent]
+    basis, names = basis_of(before)
     true_step = dict(zip(names, basis.to_base(step), strict=True))
     found = [row for row in comparison.base if row.name in true_step]
     errors = [row.second - row.first - true_step[row.name] for row in found]
@@ -135,8 +145,8 @@ def change_rows(before: Identification, after: Identification, step: Array) -> l
 
 
 def compared(result: Identification) -> ComparedResult:
-    basis = result.base.on_data
-    names = tuple(basis.names[k] for k in basis.independent)
+    basis, names = basis_of(result)
+    assert result.errors.base_covariance is not None
     return ComparedResult(
         "result", tuple(joint.name for joint in result.model.joints), result.model.names, result.estimate.value, names,
         ("",) * len(names), basis.combination, basis.scale, result.errors.base_covariance,

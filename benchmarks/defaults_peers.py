@@ -31,7 +31,7 @@ from page_tables import read_figures, write_figures
 from scipy.signal import butter, sosfiltfilt
 
 from dynident.identification import identify
-from dynident.models import Model, RotorInertia
+from dynident.models import Model, RigidBodies, RotorInertia
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.motion.log import Log
 from dynident.project.export.tree_text import mjcf_of, urdf_of
@@ -112,7 +112,7 @@ def peer(who: str, python: str, urdf: str, gravity: Any, model: Model, train: Mo
         rows = {"joints": [joint.name for joint in model.joints], "dq": train.dq, "ddq": train.ddq}
         rows |= {"decimate": round(train.rate / SAMPLES_A_SECOND)}
         np.savez(given, urdf=urdf, gravity=np.array(gravity), t=train.t - train.t[0], q=q, tau=tau, **rows)
-        command = [python, "-W", "ignore", HERE / PEERS[who], given, answer]
+        command = [python, "-W", "ignore", *map(str, (HERE / PEERS[who], given, answer))]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             lines = done.stderr.strip().splitlines()
@@ -140,7 +140,7 @@ def measure(name: str, python: str | None) -> list[Row]:
             who, (mass, viscous, coulomb, offset) = PUBLISHED[name]
             theta = np.array([mass, *np.zeros(9), 0.0, viscous, coulomb, offset])
             rows.append(held_out.predict(f"published ({who})", model, theta, None))
-        bodies = project.model.terms[0]
+        bodies = next(term for term in project.model.terms if isinstance(term, RigidBodies))
         for who, write in {"FIGAROH": urdf_of, "mujoco.sysid": mjcf_of}.items() if python else ():
             rows += peer(who, str(python), write(bodies), bodies.gravity, model, train, held_out)
     return rows

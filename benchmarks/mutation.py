@@ -200,12 +200,11 @@ class Coverage:
         and all that are ``WIDE``. Of these none is left out for being far.
         """
         statement, is_inside = innermost_statement((self.root / path).read_text(encoding="utf-8"), line)
-        last = statement.end_lineno or line
         if isinstance(statement, ast.Assign | ast.AnnAssign) and not is_inside:
             names = {node.id for node in ast.walk(statement) if isinstance(node, ast.Name)} - set(dir(builtins))
             tests = self._tests_with(names)
         elif is_inside or isinstance(statement, ast.FunctionDef):
-            tests = self._union(path, range(statement.lineno, last + 1))
+            tests = self._union(path, range(statement.lineno, (statement.end_lineno or line) + 1))
         else:
             tests = self._union(path, self.by_line[path])
         wide = {test for test in self.size if test.startswith(WIDE)}
@@ -276,8 +275,9 @@ class Copy:
             options = ("--cov=dynident", "--cov-context=test", "--cov-report=", "-q", "--tb=short")
             two = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", "--ignore=tests/browser")
             environment = self.environment | {"COVERAGE_FILE": str(file)}
-            command = [sys.executable, "-m", "pytest", *two, *options]
-            if subprocess.run(command, cwd=self.root, env=environment).returncode:
+            if subprocess.run(
+                [sys.executable, "-m", "pytest", *two, *options], cwd=self.root, env=environment
+            ).returncode:
                 sys.exit("Tests fail without a mutant.")
             state.write_text(digest(self.root, "src", "tests"))
         return Coverage(file, self.root)
@@ -287,8 +287,10 @@ class Copy:
         options = ("-x", "-q", "--tb=no", "--no-header", "-p", "no:cacheprovider", "--hypothesis-profile=mutation")
         self.failed, command = "", [sys.executable, "-m", "pytest", *options, *tests]
         try:
-            place = {"cwd": self.root, "env": self.environment, "preexec_fn": limit_memory}
-            done = subprocess.run(command, capture_output=True, timeout=MAX_TIME, **place)
+            done = subprocess.run(
+                command, cwd=self.root, env=self.environment, capture_output=True, timeout=MAX_TIME,
+                preexec_fn=limit_memory,
+            )  # fmt: skip
         except subprocess.TimeoutExpired:
             return "too long"
         self.failed = " ".join(re.findall(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", done.stdout.decode(), re.MULTILINE))

@@ -54,5 +54,7 @@ def test_settings_are_followed_and_what_cannot_be_designed_is_refused(tmp_path, 
     (tmp_path / "rate.yaml").write_text("rate: 50\nduration: 5\n")
     assert run("excite", "--for", "servo", "arm.xml", "-o", "c", "--settings", "rate.yaml").exit_code == 0
     assert len(pl.read_csv("c/motion.csv")) == 250
+    refused = run("excite", "--for", "servo", "arm.xml", "-o", "d", "--program", "friction", "--file-rate", "50")
+    assert "--program, --file-rate: of no use with --for servo" in " ".join(refused.output.split())
     again = run("excite", "--for", "servo", "arm.xml", "-o", "c")
     assert "exists already" in " ".join(again.output.split())

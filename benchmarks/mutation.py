@@ -274,10 +274,8 @@ class Copy:
             settings.write_text("[run]\nsource = dynident\nrelative_files = true\n", encoding="utf-8")
             options = ("--cov=dynident", "--cov-context=test", "--cov-report=", "-q", "--tb=short")
             two = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", "--ignore=tests/browser")
-            environment = self.environment | {"COVERAGE_FILE": str(file)}
-            if subprocess.run(
-                [sys.executable, "-m", "pytest", *two, *options], cwd=self.root, env=environment
-            ).returncode:
+            command = [sys.executable, "-m", "pytest", *two, *options]
+            if subprocess.run(command, cwd=self.root, env=self.environment | {"COVERAGE_FILE": str(file)}).returncode:
                 sys.exit("Tests fail without a mutant.")
             state.write_text(digest(self.root, "src", "tests"))
         return Coverage(file, self.root)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from dynident.files.folder import ResultFolder
     from dynident.project.project import Project
 
+OPTION_NAMES = {"parameters": "parameter", "file_rate": "file-rate"}  # of keys that are called otherwise
 CHIRP_OPTIONS = ("duration", "rate", "floor", "packages", "grippers", "seed")  # that chirps have
 STYLES = {"good for simulation": "green", "simulate with care": "yellow", "do not use": "red"}
 
@@ -91,7 +92,7 @@ def write_chirps(
 
     if robot.suffix.lower() not in SUFFIXES:
         raise ConfigError(f"{robot}: --for servo takes a robot file (URDF, MJCF); settings go into --settings FILE.")
-    if others := [f"--{key.replace('_', '-')}" for key in changes if key not in CHIRP_OPTIONS]:
+    if others := [f"--{OPTION_NAMES.get(key, key)}" for key in changes if key not in CHIRP_OPTIONS]:
         raise ConfigError(f"{', '.join(others)}: of no use with --for servo, whose motions are chirps; leave it out.")
     with result_folder(out) as folder, status():
         refuse_inputs(*(folder.path / name for name in ("motion.csv", "validation.csv", "identify.yaml")))

@@ -58,6 +58,12 @@ def test_each_base_parameter_is_in_the_bar_of_its_joint_by_what_limits_it() -> N
     assert [(x["name"], x["x"]) for x in tied][1] == ("limited by the motion", [1])
 
 
+def test_a_base_parameter_is_led_by_its_own_parameter_whatever_the_formula_says() -> None:
+    spaced = replace(found(), names=("J of the arm + h", "h x"))
+    assert spaced.leads == found().leads == ("J", "h")
+    assert limit_figure(spaced).data == limit_figure(found()).data
+
+
 def test_misfit_is_distinguished_from_the_sensor() -> None:
     noise = replace(found().noise, torques=Origin(Measure.RESIDUAL))
     for factor, words in ((10.0, "model's misfit or slow noise"), (1e4, "filtered before it was logged")):

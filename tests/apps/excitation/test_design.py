@@ -98,13 +98,7 @@ def short(monkeypatch):
 
 def designed(seed=0, model=MODEL, theta=THETA, space=OPEN, executor=None, **changes):
     return design(
-        model,
-        theta,
-        LIMITS,
-        space,
-        replace(REQUEST, **changes),
-        np.random.default_rng(seed),
-        executor=executor,
+        model, theta, LIMITS, space, replace(REQUEST, **changes), np.random.default_rng(seed), executor=executor
     )
 
 

@@ -197,10 +197,7 @@ def identification_tables(identification: Identification) -> list[PageTable]:
 
 
 # what designs the motion of a step, by the options of `dynident excite`
-_DESIGNED_STEPS = {
-    "": (Sharpen, Cover, UnexcitedParameters),
-    " --program friction": (SlowReversals, CheckRipple),
-}
+_DESIGNED_STEPS = {"": (Sharpen, Cover, UnexcitedParameters), " --program friction": (SlowReversals, CheckRipple)}
 _DESIGNED_REMEDIES = (Remedy.EXCITE, Remedy.LONGER_TRAINING, Remedy.ANOTHER_MOTION)
 
 

@@ -9,7 +9,7 @@ from dynident.apps.bound import bound_findings, bound_page, bound_table, limit_f
 from dynident.identification import AccuracyBound, Measure, Origin, accuracy_bound
 from dynident.motion.log import Log
 from tests.identification.test_accuracy import swing
-from tests.kept import check_kept, told
+from tests.kept import check_kept, facts
 
 
 @cache
@@ -80,4 +80,6 @@ def test_names_are_escaped() -> None:
 
 
 def test_the_figures_of_a_bound_stay() -> None:
-    check_kept("bound", "\n".join((*told(found().std), *told(found().conditional_std), *told(found().noise, "noise"))))
+    check_kept(
+        "bound", "\n".join((*facts(found().std), *facts(found().conditional_std), *facts(found().noise, "noise")))
+    )

@@ -200,17 +200,15 @@ class Coverage:
         and all that are ``WIDE``. Of these none is left out for being far.
         """
         statement, is_inside = innermost_statement((self.root / path).read_text(encoding="utf-8"), line)
-        last = statement.end_lineno or line
         if isinstance(statement, ast.Assign | ast.AnnAssign) and not is_inside:
             names = {node.id for node in ast.walk(statement) if isinstance(node, ast.Name)} - set(dir(builtins))
             tests = self._tests_with(names)
         elif is_inside or isinstance(statement, ast.FunctionDef):
-            tests = self._union(path, range(statement.lineno, last + 1))
+            tests = self._union(path, range(statement.lineno, (statement.end_lineno or line) + 1))
         else:
             tests = self._union(path, self.by_line[path])
         wide = {test for test in self.size if test.startswith(WIDE)}
-        if not is_inside and not isinstance(statement, ast.FunctionDef):
-            tests |= wide
+        tests |= set() if is_inside or isinstance(statement, ast.FunctionDef) else wide
         nearest = sorted(tests, key=lambda test: (self.size[test], test))
         return nearest[:MAX_TESTS] + [test for test in nearest[MAX_TESTS:] if test in wide]
 
@@ -234,9 +232,7 @@ def innermost_statement(code: str, line: int) -> tuple[ast.stmt, bool]:
     statement, is_inside = ast.parse(code).body[0], False
     nodes: list[ast.AST] = [ast.parse(code)]
     while nodes := [node for outer in nodes for node in ast.iter_child_nodes(outer)]:
-        nodes = [
-            node for node in nodes if getattr(node, "lineno", line) <= line <= (getattr(node, "end_lineno", 0) or line)
-        ]
+        nodes = [x for x in nodes if getattr(x, "lineno", line) <= line <= (getattr(x, "end_lineno", 0) or line)]
         for node in nodes:
             if isinstance(node, ast.stmt):
                 is_inside = is_inside or isinstance(statement, ast.FunctionDef)
@@ -278,9 +274,8 @@ class Copy:
             settings.write_text("[run]\nsource = dynident\nrelative_files = true\n", encoding="utf-8")
             options = ("--cov=dynident", "--cov-context=test", "--cov-report=", "-q", "--tb=short")
             two = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", "--ignore=tests/browser")
-            environment = self.environment | {"COVERAGE_FILE": str(file)}
             command = [sys.executable, "-m", "pytest", *two, *options]
-            if subprocess.run(command, cwd=self.root, env=environment).returncode:
+            if subprocess.run(command, cwd=self.root, env=self.environment | {"COVERAGE_FILE": str(file)}).returncode:
                 sys.exit("Tests fail without a mutant.")
             state.write_text(digest(self.root, "src", "tests"))
         return Coverage(file, self.root)
@@ -288,8 +283,7 @@ class Copy:
     def run(self, tests: Sequence[str]) -> str:
         """Return "survived", "killed" or "too long"; ``failed`` is the test that did."""
         options = ("-x", "-q", "--tb=no", "--no-header", "-p", "no:cacheprovider", "--hypothesis-profile=mutation")
-        command = [sys.executable, "-m", "pytest", *options, *tests]
-        self.failed = ""
+        self.failed, command = "", [sys.executable, "-m", "pytest", *options, *tests]
         try:
             done = subprocess.run(
                 command, cwd=self.root, env=self.environment, capture_output=True, timeout=MAX_TIME,
@@ -310,11 +304,8 @@ class Copy:
                 result, failed = self.run(remaining), self.failed
             finally:
                 self._write(target, before)
-            if (
-                result != "killed"
-                or failed not in remaining
-                or self.run(remaining[: remaining.index(failed) + 1]) != "killed"
-            ):
+            is_named = result == "killed" and failed in remaining
+            if not is_named or self.run(remaining[: remaining.index(failed) + 1]) != "killed":
                 self.failed = failed
                 return result
             remaining.remove(self.failed or failed)
@@ -364,11 +355,8 @@ def run(names: Sequence[str], size: int, seed: int, out: Path) -> tuple[dict[str
             if outcome is None or not holds(outcome, source, checks):
                 copy, start = copies.get(), time.monotonic()
                 result = copy.try_out(mutant, tests)
-                seconds, place = (
-                    round(time.monotonic() - start, 1),
-                    (mutant.path, mutant.line, mutant.was, mutant.becomes),
-                )
-                outcome = Outcome(*place, source, checks, result, seconds, copy.failed)
+                place, seconds = (mutant.path, mutant.line, mutant.was, mutant.becomes), time.monotonic() - start
+                outcome = Outcome(*place, source, checks, result, round(seconds, 1), copy.failed)
                 copies.put(copy)
                 with lock, out.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(asdict(outcome)) + "\n")
@@ -385,18 +373,14 @@ def run(names: Sequence[str], size: int, seed: int, out: Path) -> tuple[dict[str
 def show(outcomes: Mapping[str, Sequence[Outcome]], equivalent: int) -> None:
     """Print the survivors as differences, then the score of each room: of the mutants tried, those noticed."""
     for survivor in (one for tried in outcomes.values() for one in tried if one.result == "survived"):
-        print(f"\n{survivor.path}:{survivor.line}")
         differences = difflib.ndiff([survivor.was], [survivor.becomes])
-        print("\n".join(line for line in differences if line[0] in "+-"))
-    counts = {
-        room: Counter("survived" if one.result == "survived" else "killed" for one in tried)
-        for room, tried in sorted(outcomes.items())
-    }
+        print("\n".join([f"\n{survivor.path}:{survivor.line}", *(line for line in differences if line[0] in "+-")]))
+    counts = {room: Counter(one.result == "survived" for one in tried) for room, tried in sorted(outcomes.items())}
     counts["all"] = sum(counts.values(), Counter())
     print(f"\n{'room':24} tried  killed  survived    score")
     for room, of in counts.items():
-        score = 100 * of["killed"] / max(of.total(), 1)
-        print(f"{room:24} {of.total():5} {of['killed']:7} {of['survived']:9}  {score:5.1f} %")
+        score = 100 * of[False] / max(of.total(), 1)
+        print(f"{room:24} {of.total():5} {of[False]:7} {of[True]:9}  {score:5.1f} %")
     print(f"Passed over as equivalent: {equivalent}.")
 
 

@@ -32,7 +32,8 @@ from dynident.checks.missing import TRIED_KINDS
 from dynident.checks.robot_notes import MissingTerm
 from dynident.identification import Identification, judge
 from dynident.identification.terms import TrialOutcome
-from dynident.identification.verdict import ForbiddingFindings, Verdict
+from dynident.identification.verdict import Verdict
+from dynident.identification.verdict_reasons import ForbiddingFindings
 from dynident.identification.verdict_steps import SetRight
 from dynident.motion.log import Motion
 from dynident.project.project import Project, read_project

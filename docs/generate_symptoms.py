@@ -19,7 +19,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 from dynident.checks.robot_notes import TermKind
 from dynident.files.results import write_text
 from dynident.identification import NextStep, Reason
-from dynident.identification.verdict import ForbiddingFindings
+from dynident.identification.verdict_reasons import ForbiddingFindings
 from dynident.identification.verdict_steps import SetRight
 from dynident.models.simulation import Broken, Failure
 from dynident.runtime import Note, Remark, WordedEnum

@@ -135,20 +135,20 @@ PLAIN = (float, int, bool, np.number, np.bool_)
 MAX_SHOWN = 12  # numbers of an array, at equal distances
 
 
-def told(value: Any, path: str = "", depth: int = 2) -> Iterator[str]:
+def facts(value: Any, path: str = "", depth: int = 2) -> Iterator[str]:
     """Yield numbers and texts of a noun, with where they are in it."""
     if is_dataclass(value) and not isinstance(value, type):
         yield f"{path}: {type(value).__name__}"
         for field in fields(value) if depth else ():
             if field.name in FREE:
                 continue
-            yield from told(getattr(value, field.name), f"{path}.{field.name}", depth - 1)
+            yield from facts(getattr(value, field.name), f"{path}.{field.name}", depth - 1)
     elif isinstance(value, Mapping):
         for key, inner in value.items():
-            yield from told(inner, f"{path}.{key}", depth)
+            yield from facts(inner, f"{path}.{key}", depth)
     elif isinstance(value, tuple | list) and not all(isinstance(inner, PLAIN) for inner in value):
         for k, inner in enumerate(value):
-            yield from told(inner, f"{path}[{k}]", depth)
+            yield from facts(inner, f"{path}[{k}]", depth)
     elif isinstance(value, (np.ndarray, tuple, list, *PLAIN)) and not isinstance(value, Enum):
         yield f"{path}: {digits(value)}"
     elif isinstance(value, str | None):

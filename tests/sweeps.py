@@ -168,7 +168,7 @@ def with_first(values: Any, x: float) -> Any:
 @cache
 def limits_of(kind: type) -> frozenset[float]:
     """Return the numbers in a class, and the constants of its module that it names."""
-    found = set[float]()
+    limits = set[float]()
     for base in kind.__mro__:
         if base.__module__.startswith("dynident"):
             module = sys.modules[base.__module__]
@@ -177,8 +177,8 @@ def limits_of(kind: type) -> frozenset[float]:
                 if isinstance(node, ast.Name) and node.id.isupper():
                     number = vars(module).get(node.id)
                 if isinstance(number, int | float) and not isinstance(number, bool):
-                    found.add(float(number))
-    return frozenset(found)
+                    limits.add(float(number))
+    return frozenset(limits)
 
 
 @cache

@@ -9,7 +9,7 @@ from dynident.apps.bound import bound_findings, bound_page, bound_table, limit_f
 from dynident.identification import AccuracyBound, Measure, Origin, accuracy_bound
 from dynident.motion.log import Log
 from tests.identification.test_accuracy import swing
-from tests.kept import check_kept, told
+from tests.kept import check_kept, facts
 
 
 @cache
@@ -58,6 +58,12 @@ def test_each_base_parameter_is_in_the_bar_of_its_joint_by_what_limits_it() -> N
     assert [(x["name"], x["x"]) for x in tied][1] == ("limited by the motion", [1])
 
 
+def test_a_base_parameter_is_led_by_its_own_parameter_whatever_the_formula_says() -> None:
+    spaced = replace(found(), names=("J of the arm + h", "h x"))
+    assert spaced.leads == found().leads == ("J", "h")
+    assert limit_figure(spaced).data == limit_figure(found()).data
+
+
 def test_misfit_is_distinguished_from_the_sensor() -> None:
     noise = replace(found().noise, torques=Origin(Measure.RESIDUAL))
     for factor, words in ((10.0, "model's misfit or slow noise"), (1e4, "filtered before it was logged")):
@@ -74,4 +80,6 @@ def test_names_are_escaped() -> None:
 
 
 def test_the_figures_of_a_bound_stay() -> None:
-    check_kept("bound", "\n".join((*told(found().std), *told(found().conditional_std), *told(found().noise, "noise"))))
+    check_kept(
+        "bound", "\n".join((*facts(found().std), *facts(found().conditional_std), *facts(found().noise, "noise")))
+    )

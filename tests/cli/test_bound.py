@@ -26,17 +26,7 @@ def test_table_numbers_and_report(config: Path, tmp_path: Path) -> None:
     assert len(others) < 12
     assert last.startswith("4 of 4 base parameters can be known")
     done = succeed("bound", config, "--out", tmp_path / "out", "--json", tmp_path / "numbers.json", "-v")
-    for word in (
-        "M",
-        "Fv",
-        "Fc",
-        "torque x 10",
-        "+1 bit",
-        "4 x record",
-        "limited by",
-        "position noise",
-        "report.html",
-    ):
+    for word in ("M", "Fv", "Fc", "torque x 10", "+1 bit", "4 x record", "limited by", "position noise", "report.html"):
         assert word in done.output
     found = json.loads((tmp_path / "numbers.json").read_text())
     assert found == json.loads((tmp_path / "out" / "bound.json").read_text())

@@ -13,7 +13,7 @@ from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
 from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.identification import Identification, Recipe, identify, judge
 from dynident.identification.outliers import HeldOutOutliers
-from dynident.identification.verdict import SilentTorque
+from dynident.identification.verdict_reasons import SilentTorque
 from dynident.models.lagrangian import pendulum, two_link_arm
 from dynident.models.simulation import record, simulate
 from dynident.motion.log import Log, Motion

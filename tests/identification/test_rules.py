@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.estimators import Ridge
 from dynident.identification import Identification, Remedy, Verdict, judge
-from dynident.identification import verdict as why
+from dynident.identification import verdict_reasons as why
 from dynident.identification import verdict_rules as rules
 from dynident.identification.links import scaled_covariance
 from dynident.identification.verdict_rules import ConstraintEffect, constraint_effect
@@ -20,7 +20,7 @@ from dynident.models import Joint, Model, Parameter, Term
 from dynident.motion.log import stack_states, subsample
 from dynident.runtime import Use
 from dynident.validation import Driver, FloorOrigin, LogValidation, NoiseFloor
-from tests.kept import check_kept, told
+from tests.kept import check_kept, facts
 
 Array = NDArray[np.float64]
 
@@ -351,7 +351,7 @@ def test_nothing_is_held_back_at_rest(arm: Identification) -> None:
 
 
 def test_the_figures_of_an_identification_stay(arm: Identification) -> None:
-    lines = [*told(judge(arm), "verdict"), *told(arm.estimate, "estimate", 1), *told(arm.errors, "errors", 1)]
+    lines = [*facts(judge(arm), "verdict"), *facts(arm.estimate, "estimate", 1), *facts(arm.errors, "errors", 1)]
     for log in arm.validations:
-        lines += [*told(log.errors, log.name), *told(log.residuals, log.name), *told(log.floors, log.name)]
+        lines += [*facts(log.errors, log.name), *facts(log.residuals, log.name), *facts(log.floors, log.name)]
     check_kept("identified_arm", "\n".join(lines))

@@ -18,7 +18,7 @@ from dynident.identification import (
     Verdict,
     WorstRun,
 )
-from dynident.identification import verdict as why
+from dynident.identification import verdict_reasons as why
 from dynident.identification import verdict_steps as steps
 from dynident.identification.long import InPieces
 from dynident.identification.unobservable import CommonGain, MotionRatios, Zeros
@@ -125,6 +125,12 @@ def test_no_reason_is_cut_and_of_each_the_first_sentence_is_said() -> None:
     advice = Finding(Remark("friction grows with the load. Add `load` to `terms`. Likewise b"), "a")
     said = second(Use.DO_NOT_USE, why.ForbiddingFindings((advice,)), *[why.NoHoldOut()] * 3)
     assert said == f"Against its use: a: friction grows with the load; {why.NoHoldOut()}. There are 2 more reasons."
+    reasons = why.ForbiddingFindings((advice,)), why.NoHoldOut(), why.NoFreeRun(), why.InertiasFree()
+    named = [
+        Verdict(Use.CONTROL, group, (), None, None, None).names_all
+        for group in (reasons[:1], reasons[1:3], reasons[1:])
+    ]
+    assert named == [False, True, False]
 
 
 def test_what_no_data_show_is_a_sentence_only_where_there_is_something() -> None:

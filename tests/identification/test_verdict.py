@@ -10,7 +10,7 @@ import pytest
 
 from dynident.estimators import LeastSquares, PhysicallyConsistent
 from dynident.identification import HeldOut, Identification, Recipe, Remedy, Verdict, identify, judge
-from dynident.identification import verdict as why
+from dynident.identification import verdict_reasons as why
 from dynident.identification.unobservable import CommonGain, MotionRatios, Zeros, unknowns
 from dynident.identification.verdict_steps import CheckRipple, Sharpen, SlowReversals
 from dynident.models import Model, RigidBodies

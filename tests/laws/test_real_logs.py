@@ -18,7 +18,7 @@ from dynident.cli import main
 from dynident.estimators.notes import NotWhite
 from dynident.identification import Identification, judge
 from dynident.identification import identify as fit
-from dynident.identification.verdict import MassMatrixNotPositive, Repeats
+from dynident.identification.verdict_reasons import MassMatrixNotPositive, Repeats
 from dynident.project.export import exports
 from dynident.project.project import read_project
 from dynident.project.saved import load

@@ -28,15 +28,8 @@ from tests.kept import check_kept
 from tests.sweeps import sweep
 from tests.validation.test_sentences import SENTENCES
 
-SAID = (
-    "remedy",
-    "figures",
-    "forbidden",
-    "severity",
-    "removed",
-    "topic",
-    "advises",
-)  # what a note may say beside its sentence
+# what a note may say beside its sentence
+SAID = ("remedy", "figures", "forbidden", "severity", "removed", "topic", "advises")
 OTHERS = (
     payload.NotShown((Component.Z, Component.IXX), (0.05, 0.01), "j5", 1.5, "rad/s", (0.002, 0.003)),
     payload.NotShown((Component.IZZ,), (0.05,)),

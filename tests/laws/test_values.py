@@ -17,7 +17,7 @@ from dynident.motion.log import Log
 from dynident.testing.estimator import MODELS, close_loops, make_problem, multisine_motion
 from dynident.testing.smoother import make_log, motion_for
 from dynident.testing.term import random_memory, sample_states
-from tests.kept import check_kept, digits, told
+from tests.kept import check_kept, digits, facts
 from tests.laws.test_estimators import ESTIMATORS, SIMULATING
 from tests.laws.test_models import TERMS
 from tests.laws.test_smoothers import SMOOTHERS
@@ -31,7 +31,7 @@ def test_estimates_stay(name: str) -> None:
     for estimator in (*ESTIMATORS, *(SIMULATING if looped else ())):
         found = estimator(looped or problem)
         parts = {key: getattr(found, key) for key in ("value", "std", "determined", "residual", "notes", "consistency")}
-        lines += [f"{estimator!r}", *told(parts), *map(str, found.notes)]
+        lines += [f"{estimator!r}", *facts(parts), *map(str, found.notes)]
     check_kept(f"estimates_{name}", "\n".join(lines))
 
 
@@ -42,7 +42,7 @@ def test_smoothed_motions_stay() -> None:
         rows = slice(None, None, max(1, len(made) // 4))
         parts = {key: getattr(made, key)[rows] for key in ("t", "q", "dq", "ddq", "tau")}
         kept = np.flatnonzero(made.mask)[[0, -1]] if made.mask.any() else ()
-        lines += [f"{smoother!r}", *told({**parts, "kept": kept, "smoothing": made.smoothing})]
+        lines += [f"{smoother!r}", *facts({**parts, "kept": kept, "smoothing": made.smoothing})]
     check_kept("smoothers", "\n".join(lines))
 
 

@@ -12,7 +12,7 @@ import yaml
 from dynident.checks.file_notes import ReversedSign
 from dynident.checks.log_notes import SameData
 from dynident.identification import SourceFile, judge
-from dynident.identification.verdict import ForbiddingFindings
+from dynident.identification.verdict_reasons import ForbiddingFindings
 from dynident.models.lagrangian import slider
 from dynident.project.project import parse_project, read_project, run, stamp
 from dynident.runtime import InputError, Remark, Severity, Use, progress_to

@@ -98,10 +98,7 @@ def limit_figure(bound: AccuracyBound) -> Drawing:
     """
     model = bound.identification.model
     columns = [set(part.tolist()) for part in model.structure.columns]
-    # a name may hold spaces: the longest one that a formula begins with leads it
-    leads = [max((x for x in model.names if formula.startswith(x)), key=len, default="") for formula in bound.names]
-    places = [model.names.index(name) if name else -1 for name in leads]
-    lead_joints = [max((j for j, part in enumerate(columns) if k in part), default=0) for k in places]
+    lead_joints = [max((j for j, part in enumerate(columns) if k in part), default=0) for k in bound.independent]
     causes = [_cause(bound, k) for k in range(len(bound.names))]
     joints = [plain(joint.name) for joint in model.joints]
     figure = panels([""], 110 + 26 * len(joints), shared=False)
@@ -119,11 +116,8 @@ def limit_figure(bound: AccuracyBound) -> Drawing:
 def _cause(bound: AccuracyBound, k: int) -> str:
     if bound.relative[k] <= WELL:
         return KNOWN_WELL
-    return (
-        MOTION_LIMITS
-        if _limit(bound, k) in (Limit.UNSEEN, Limit.TIED)
-        else f"limited by {_dominant_noise(bound, k)[0]}"
-    )
+    is_motion = _limit(bound, k) in (Limit.UNSEEN, Limit.TIED)
+    return MOTION_LIMITS if is_motion else f"limited by {_dominant_noise(bound, k)[0]}"
 
 
 def bound_table(bound: AccuracyBound, short: bool = False) -> PageTable:

@@ -143,7 +143,8 @@ def _run_identify(screen: Screen, out: Path) -> Identification:
     from dynident.project.export import exports
     from dynident.project.export.proof import relocate_exports
     from dynident.project.project import read_project
-    from dynident.report.identification.report import summary_lines, verdict_text
+    from dynident.report.identification.head import summary_lines
+    from dynident.report.identification.report import verdict_text
 
     _print_heading(screen, f"$ {command('identify', out / 'robot.yaml', '--out', out / 'result')}")
     with result_folder(out / "result") as folder:

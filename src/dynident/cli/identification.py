@@ -206,7 +206,8 @@ def _show_files(screen: Screen, written: Sequence[tuple[str, Path]]) -> None:
 def _show_result(screen: Screen, identification: Identification, model_exports: Sequence[Export]) -> None:
     """Print errors, the worst joint, the first warnings and the next step; by ``--verbose`` all tables and notes."""
     from dynident.report.identification import identification_notes, identification_tables
-    from dynident.report.identification.report import next_step_texts, summary_lines
+    from dynident.report.identification.head import summary_lines
+    from dynident.report.identification.report import next_step_texts
     from dynident.report.identification.robot import export_notes
     from dynident.runtime.kernel import kernel
 

@@ -69,7 +69,6 @@ def _examine_file(path: Path, json_file: Path | None) -> CheckResult:
 
     Raises ConfigError where the findings would replace a file that is named in it.
     """
-    from dynident.apps.servo import examine_servos
     from dynident.files.opener import file_status, refuse_inputs
     from dynident.files.xml_text import SUFFIXES
     from dynident.project.drive_settings import ServoSettings
@@ -86,6 +85,8 @@ def _examine_file(path: Path, json_file: Path | None) -> CheckResult:
     refuse_inputs(*filter(None, [json_file]))
     try:
         if isinstance(project.config.simulation, ServoSettings):
+            from dynident.apps.servo import examine_servos
+
             return examine_servos(project)
         return project.examine()
     except DynidentError as error:

@@ -31,8 +31,6 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: b
     names several files for a recording, LOG is key=file,key=file.
     """
     announce()
-    from dynident.apps.servo import predict_servos
-    from dynident.cli.servo import print_prediction
     from dynident.files.opener import refuse_inputs, remember_inputs
     from dynident.files.results import probe_folder, table_kind, write_table
     from dynident.project.saved import is_servo_result, load
@@ -49,6 +47,9 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: b
         probe_folder(out.parent)
     screen = console()
     if is_servo_result(result):
+        from dynident.apps.servo import predict_servos
+        from dynident.cli.servo import print_prediction
+
         with status():
             prediction = predict_servos(result, logs, allow_code=allow_code)
             if out:

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from dynident.files.folder import ResultFolder
     from dynident.project.project import Project
 
+OPTION_NAMES = {"parameters": "parameter", "file_rate": "file-rate"}  # of keys that are called otherwise
+CHIRP_OPTIONS = ("duration", "rate", "floor", "packages", "grippers", "seed")  # that chirps have
 STYLES = {"good for simulation": "green", "simulate with care": "yellow", "do not use": "red"}
 
 
@@ -79,9 +81,9 @@ def write_chirps(
     Raises ConfigError where ``robot`` is no robot file, or a file that was changed by hand would be replaced, and the
     errors of reading and of ``design_chirps``.
     """
-    from dynident.apps.excitation import DEFAULT_SPEED, command_csv, design_chirps
+    from dynident.apps.excitation import DEFAULT_RATE, DEFAULT_SPEED, command_csv, design_chirps
     from dynident.apps.excitation.robot import read_excitation
-    from dynident.apps.init.config_draft import servo_config
+    from dynident.apps.init.servo_config import servo_config
     from dynident.files.folder import result_folder
     from dynident.files.opener import refuse_inputs
     from dynident.files.xml_text import SUFFIXES
@@ -90,13 +92,16 @@ def write_chirps(
 
     if robot.suffix.lower() not in SUFFIXES:
         raise ConfigError(f"{robot}: --for servo takes a robot file (URDF, MJCF); settings go into --settings FILE.")
-    names = {"motion.csv", "validation.csv", "identify.yaml"}
+    if others := [f"--{OPTION_NAMES.get(key, key)}" for key in changes if key not in CHIRP_OPTIONS]:
+        raise ConfigError(f"{', '.join(others)}: of no use with --for servo, whose motions are chirps; leave it out.")
     with result_folder(out) as folder, status():
-        refuse_inputs(*(folder.path / name for name in names))
+        refuse_inputs(*(folder.path / name for name in ("motion.csv", "validation.csv", "identify.yaml")))
         if (folder.path / "identify.yaml").exists():
             raise ConfigError(f"{out / 'identify.yaml'}: exists already, perhaps edited; choose another folder.")
-        choices = {"rate": 100.0, "grippers": True, **changes}
-        project = read_excitation(robot, settings, choices, allow_code=allow_code, speed=DEFAULT_SPEED)
+        project = read_excitation(
+            robot, settings, {**changes, "grippers": True}, allow_code=allow_code, defaults={"rate": DEFAULT_RATE},
+            speed=DEFAULT_SPEED,
+        )  # fmt: skip
         motion, validation = design_chirps(project)
         text, blanks = servo_config(str(robot), project.prior.model.joints, folder.path)
         parse_project(text, folder.path / "identify.yaml")  # what is written can be read

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -15,6 +16,8 @@ from dynident.runtime import ConfigError
 
 # what no line may hold: names in quotes are escaped by then, so that this is left in comments only
 UNPRINTABLE = re.compile(f"{Reader.NON_PRINTABLE.pattern}|[\n\r\x85\u2028\u2029]")
+# names that YAML takes as they are, but for words such as yes
+_PLAIN_NAME = re.compile(r"(?!\.+$)[A-Za-z_./][A-Za-z0-9_./-]*")
 MAX_NESTING = 50  # levels of lists and mappings
 
 MAX_CHARACTERS, MAX_NODES = 1_000_000, 50_000
@@ -129,3 +132,10 @@ def _children(value: object) -> Iterable[object]:
     if isinstance(value, Mapping):
         return value.values()
     return value if isinstance(value, list) else ()
+
+
+def yaml_name(name: str) -> str:
+    """Return a name as a YAML scalar, quoted where YAML would read it as another type."""
+    if _PLAIN_NAME.fullmatch(name) and isinstance(yaml.safe_load(name), str):
+        return name
+    return yaml.safe_dump(name, default_style='"', allow_unicode=True, width=math.inf).strip()

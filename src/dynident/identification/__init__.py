@@ -37,6 +37,7 @@ from dynident.identification.result import (
     versions,
 )
 from dynident.identification.time_offset import Alignment, TimeOffset, align_motion, find_time_offset
-from dynident.identification.verdict import HeldOut, LargestResidual, Reason, Verdict, WorstRun
+from dynident.identification.verdict import HeldOut, LargestResidual, Verdict, WorstRun
+from dynident.identification.verdict_reasons import Reason
 from dynident.identification.verdict_rules import judge
 from dynident.identification.verdict_steps import NextStep, Remedy

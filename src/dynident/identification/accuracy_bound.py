@@ -74,16 +74,17 @@ class Noise(Noun):
 class AccuracyBound:
     """The Cramer-Rao bound of the r base parameters of a model, at the parameters of an identification.
 
-    ``names`` of the base parameters as formulas in the ``parameters`` (p), ``alone`` (r) whether it is a single
-    parameter, ``value`` (r) and ``units``; ``std`` maps "now" and each change of ``CHANGES`` to the least
-    standard deviations (r), infinite for what the record does not excite. ``conditional_std`` (r) is the least
-    one if all others were known; ``partner`` (r) is the index of the most correlated parameter, ``correlation``
-    (r) their correlation. ``fit`` (r) are the standard errors of the identification, valid for correlated
-    residuals where possible, nan where it has none.
+    ``names`` of the base parameters as formulas in the ``parameters`` (p), ``independent`` (r) the index of the
+    parameter that each begins with, ``alone`` (r) whether it is that one alone, ``value`` (r) and ``units``; ``std``
+    maps "now" and each change of ``CHANGES`` to the least standard deviations (r), infinite for what the record does
+    not excite. ``conditional_std`` (r) is the least one if all others were known; ``partner`` (r) is the index of the
+    most correlated parameter, ``correlation`` (r) their correlation. ``fit`` (r) are the standard errors of the
+    identification, valid for correlated residuals where possible, nan where it has none.
     """
 
     identification: Identification
     names: tuple[str, ...]
+    independent: tuple[int, ...]
     alone: NDArray[np.bool_]
     units: tuple[str, ...]
     value: Array
@@ -104,7 +105,7 @@ class AccuracyBound:
     @property
     def leads(self) -> tuple[str, ...]:
         """The standard parameter (r) that each base parameter begins with."""
-        return tuple(name.partition(" ")[0] for name in self.names)
+        return tuple(self.identification.model.names[k] for k in self.independent)
 
     def frame(self) -> pl.DataFrame:
         """Return a table, one row per base parameter: parameter, unit, value, ``std`` of the fit, and the least
@@ -211,6 +212,7 @@ def _compute_bound(
     return AccuracyBound(
         identification=identification,
         names=basis.groupings,
+        independent=tuple(columns),
         alone=(basis.combination != 0).sum(axis=1) == 1,
         units=tuple(identification.estimate.units[k] for k in columns),
         value=basis.to_base(theta),

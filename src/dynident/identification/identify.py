@@ -14,13 +14,7 @@ from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
 from dynident.identification.base_tilt import BaseTilt
 from dynident.identification.calibration import Calibration, ChosenTerms, calibrate, choose_in_rounds, prepare
-from dynident.identification.dataset import (
-    Dataset,
-    NotFitted,
-    RoleMotions,
-    exclusion_notes,
-    substitute_notes,
-)
+from dynident.identification.dataset import Dataset, NotFitted, RoleMotions, exclusion_notes, substitute_notes
 from dynident.identification.motion_errors import MotionErrors, motion_errors
 from dynident.identification.outliers import held_out_outliers
 from dynident.identification.recipe import Recipe

@@ -183,18 +183,20 @@ def covariance_of_calibration(
 
     Where these were found to be zero, they count as known.
     """
-    has_offset = time_offset is not None and time_offset.seconds and time_offset.std is not None
-    has_tilt = tilt is not None and (tilt.x or tilt.y)
+    offset_std = time_offset.std or 0.0 if time_offset and time_offset.seconds else 0.0
+    tilt_std = tilt.std if tilt and (tilt.x or tilt.y) else ()
+    if not offset_std and not tilt_std:
+        return np.zeros((len(model.parameters),) * 2)
     theta, torques = estimate.value, []
     # The torques that an offset and tilts of one standard error make are projected on the parameters.
     for motion in regression.motions:
         columns = [np.zeros_like(motion.q)]
-        if has_offset and time_offset:
+        if offset_std:
             ends = [motion.shift(side * TIME_STEP) for side in (1.0, -1.0)]
             forward, backward = (model.torque(**shifted.states(), theta=theta) for shifted in ends)
-            columns.append((time_offset.std or 0.0) * (forward - backward) / (2 * TIME_STEP))
-        if has_tilt and tilt:
-            pairs = zip(tilt_slopes(model, motion, theta), tilt.std, strict=True)
+            columns.append(offset_std * (forward - backward) / (2 * TIME_STEP))
+        if tilt_std:
+            pairs = zip(tilt_slopes(model, motion, theta), tilt_std, strict=True)
             columns += [slope * std for slope, std in pairs if np.isfinite(std)]
         torques.append(np.stack(columns, axis=2))
     weights, follows = estimate.residual.weights, estimate.residual.weight_by_slopes(regression)

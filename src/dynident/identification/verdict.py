@@ -4,28 +4,14 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import ClassVar
 
 from dynident.identification.unobservable import Unobservable
-from dynident.identification.verdict_steps import HoldOutFaster, NextStep, Remedy
-from dynident.models.simulation import Failure
+from dynident.identification.verdict_reasons import Reason
+from dynident.identification.verdict_steps import NextStep, Remedy
 from dynident.regression import UnexcitedParameters
-from dynident.runtime import (
-    Finding,
-    Statement,
-    TaggedUnion,
-    Use,
-    count,
-    join_names,
-    number,
-    percent,
-    place_and_text,
-    rough,
-    short,
-)
-from dynident.validation import AT_FLOOR, Cause, Driver, FloorOrigin, NoiseFloor, causes_text
+from dynident.runtime import Use, count, number, percent, rough
+from dynident.validation import AT_FLOOR, Cause, FloorOrigin, NoiseFloor, causes_text
 
-MAX_NAMES = 5  # names of negative parameters that a sentence lists
 NAMED_REASONS = 2  # reasons that the second sentence names
 SENTENCE_END = re.compile(r"\.\s+(?=[A-Z])")  # inside a reason
 _USE_SENTENCES = {
@@ -33,289 +19,6 @@ _USE_SENTENCES = {
     Use.CONTROL: "Good for control (feedforward, gravity compensation) on motions like these",
     Use.SIMULATION: "Good for simulation and control on motions like these",
 }
-
-
-class Reason(Statement, TaggedUnion):
-    """Base of the reasons; errors are in %."""
-
-    usual_remedy: ClassVar[Remedy | None] = None
-
-    @property
-    def remedy(self) -> Remedy | NextStep | None:
-        """What to do about it, None where there is no single remedy."""
-        return self.usual_remedy
-
-
-class NoHoldOut(Reason):
-    """No log was held out."""
-
-    usual_remedy = Remedy.HOLD_OUT
-
-    def __str__(self) -> str:
-        return "no log was held out, so the error on unseen motion is not known"
-
-
-class ForbiddingFindings(Reason):
-    """Findings of the checks, or notes of the estimate, that forbid a use: ``findings`` of one kind."""
-
-    usual_remedy = Remedy.CORRECT
-    findings: tuple[Finding, ...]
-
-    def __str__(self) -> str:
-        return ": ".join(filter(None, place_and_text(self.findings))).removesuffix(".")
-
-
-class Repeats(Reason):
-    """All held-out logs repeat a motion of the training: ``pairs`` of their names."""
-
-    usual_remedy = Remedy.ANOTHER_MOTION
-    pairs: tuple[tuple[str, str], ...]
-
-    def __str__(self) -> str:
-        repeats = ", ".join(f"{name} repeats the motion of {original}" for name, original in self.pairs)
-        return f"{repeats}: the error on another motion is not known"
-
-
-class SlowHoldOut(Reason):
-    """The held-out motions have at most ``share`` of the speed of the training, so that little is seen of inertia."""
-
-    share: float
-
-    @property
-    def remedy(self) -> NextStep | None:
-        """A motion as fast as the training; any other where the held-out one does not move."""
-        return HoldOutFaster(1.0 / self.share) if self.share > 0 else None
-
-    def __str__(self) -> str:
-        return f"the held-out motion reaches only {rough(100 * self.share)} of the training speed"
-
-
-class SilentTorque(Reason):
-    """The torque of these ``joints`` does not change in any training log."""
-
-    usual_remedy = Remedy.TORQUE_COLUMN
-    joints: tuple[str, ...]
-
-    def __str__(self) -> str:
-        return f"the torque of {', '.join(self.joints)} does not change in any training log"
-
-
-class TorqueErrorTooLarge(Reason):
-    """The torque ``error`` on a held-out ``log`` exceeds the ``limit``."""
-
-    usual_remedy = Remedy.CHECK
-    log: str
-    error: float
-    limit: float
-
-    def __str__(self) -> str:
-        return f"the torque error on {self.log} is {percent(self.error)}, above {self.limit:g} %"
-
-
-class UnfilteredErrorTooLarge(TorqueErrorTooLarge):
-    """A torque error of the unfiltered torque that is too large, where the fit has a low-pass."""
-
-    def __str__(self) -> str:
-        return f"unfiltered, {super().__str__()}"
-
-
-class JointErrorsTooLarge(Reason):
-    """Single joints have a torque error above the ``limit``: pairs of name and error."""
-
-    usual_remedy = Remedy.LONGER_TRAINING
-    log: str
-    errors: tuple[tuple[str, float], ...]
-    limit: float
-
-    def __str__(self) -> str:
-        bad = ", ".join(f"{joint} {percent(size)}" for joint, size in self.errors)
-        return f"on {self.log} some joints have a torque error above {self.limit:g} %: {bad}"
-
-
-class WeakJoints(Reason):
-    """Joints that hardly exert torque on a ``log`` have a large relative error: names, error (%) and rms (N m, N)."""
-
-    usual_remedy = Remedy.LONGER_TRAINING
-    log: str
-    joints: tuple[tuple[str, float, float], ...]
-
-    def __str__(self) -> str:
-        joints = join_names(
-            (f"{joint} ({percent(error)}, rms {short(rms, 2)} N m or N)" for joint, error, rms in self.joints),
-            MAX_NAMES,
-        )
-        return f"not for estimating forces where torques are as small as on {self.log}: {joints}"
-
-
-class NotCarriedOver(Reason):
-    """The error on a held-out ``log`` is ``ratio`` times that of the training."""
-
-    usual_remedy = Remedy.LONGER_TRAINING
-    log: str
-    ratio: float
-
-    def __str__(self) -> str:
-        return f"the error on {self.log} is {self.ratio:.2g} times the training error: the model does not generalise"
-
-
-class AboveFloor(Reason):
-    """The torques of some ``joints`` are predicted on a ``log`` far worse than the noise of the sensors allows."""
-
-    usual_remedy = Remedy.CHECK
-    log: str
-    joints: tuple[tuple[str, NoiseFloor], ...]
-
-    def __str__(self) -> str:
-        joints = join_names((f"{joint} {floor.ratio:.2g} times" for joint, floor in self.joints), MAX_NAMES)
-        is_white = self.joints[0][1].origin is FloorOrigin.WHITE
-        noise = "white noise of the sensors" if is_white else "scatter between repeated motions"
-        return f"on {self.log}, residuals exceed the {noise} ({joints}): the model lacks an effect, or a value is wrong"
-
-
-class TrainedWorse(Reason):
-    """The ``error`` on a training ``log`` is large, ``ratio`` times that held out: the fit has outliers, or a fault."""
-
-    usual_remedy = Remedy.CHECK
-    log: str
-    error: float
-    ratio: float
-
-    def __str__(self) -> str:
-        error = f"the error on the training log {self.log} is {percent(self.error)}"
-        return f"{error}, {self.ratio:.2g} times the held-out error: the training data contain outliers or a fault"
-
-
-class MassMatrixNotPositive(Reason):
-    """The mass matrix has an ``eigenvalue`` that is not positive."""
-
-    usual_remedy = Remedy.CONSISTENT_FIT
-    eigenvalue: float
-
-    def __str__(self) -> str:
-        return f"the mass matrix is not positive definite (eigenvalue {self.eigenvalue:.3g})"
-
-
-class MostlyUnexcited(Reason):
-    """The data do not excite so many of the ``total`` base parameters that the model is of no use."""
-
-    usual_remedy = Remedy.EXCITE
-    unexcited: int
-    total: int
-
-    def __str__(self) -> str:
-        return f"the data do not excite {self.unexcited} of {self.total} base parameters"
-
-
-class PartlyUnexcited(Reason):
-    """The data do not excite some of the ``total`` base parameters; motions that do are not predicted."""
-
-    unexcited: int
-    total: int
-
-    def __str__(self) -> str:
-        unexcited = f"{self.unexcited} of {self.total} base parameters"
-        return f"the data do not excite {unexcited}: on motions that excite them the torque is not known"
-
-
-class Uncertain(Reason):
-    """By its own standard errors the torque has an ``error`` (%) on the training motion at twice its speed and size."""
-
-    usual_remedy = Remedy.EXCITE
-    error: float
-
-    def __str__(self) -> str:
-        motion = "at twice the speed and size of the training motion"
-        return f"{motion} the torque has a standard error of {rough(self.error)}: the training excites too little"
-
-
-class HeldBack(Reason):
-    """Physical constraints hold the parameters far from the least-squares estimate.
-
-    Without them the residual would be smaller: it is ``growth`` % larger. On the training motion at twice its
-    speed the torque would differ by ``torque_change`` %.
-    """
-
-    usual_remedy = Remedy.CHECK
-    cause: ClassVar[str] = "physical constraints keep"
-    doubt: ClassVar[str] = "the model lacks an effect, or a gain, a unit or a direction is wrong"
-    growth: float
-    torque_change: float
-
-    def __str__(self) -> str:
-        smaller = rough(100 - 100 / (1 + self.growth / 100))
-        return (
-            f"{self.cause} the parameters far from the least-squares fit, whose residual is {smaller} smaller and "
-            f"whose torque at twice the speed differs by {rough(self.torque_change)}: {self.doubt}"
-        )
-
-
-class DrawnBack(HeldBack):
-    """A prior, without any constraint, holds the parameters far from the least-squares estimate."""
-
-    cause = "the prior keeps"
-    doubt = "the prior is wrong or too strong, or the model lacks an effect"
-
-
-class NegativeValues(Reason):
-    """Parameters with ``names`` are negative, which is not physical."""
-
-    usual_remedy = Remedy.CONSISTENT_FIT
-    names: tuple[str, ...]
-
-    def __str__(self) -> str:
-        return f"these parameters are negative, which is not physical: {join_names(self.names, MAX_NAMES)}"
-
-
-class InertiasFree(Reason):
-    """The bodies' inertias were not constrained to be physically consistent."""
-
-    usual_remedy = Remedy.CONSISTENT_FIT
-
-    def __str__(self) -> str:
-        return "the bodies' inertias were not constrained to be physically consistent"
-
-
-class NoFreeRun(Reason):
-    """No free simulation was asked for."""
-
-    usual_remedy = Remedy.SIMULATE
-
-    def __str__(self) -> str:
-        return "no free simulation was run"
-
-
-class FreeRunFails(Reason):
-    """The free simulations of these ``logs`` fail, the first for this ``failure``."""
-
-    logs: tuple[str, ...]
-    failure: Failure
-
-    def __str__(self) -> str:
-        return f"the free simulation of {', '.join(self.logs)} fails: {self.failure}"
-
-
-class FreeRunAstray(Reason):
-    """The free simulation of a ``log`` has a large ``error`` (% of the motion of a ``joint``).
-
-    With the measured torque as ``driver`` it is restarted every ``restart`` s.
-    """
-
-    log: str
-    joint: str
-    error: float
-    driver: Driver
-    restart: float | None
-
-    @property
-    def remedy(self) -> Remedy | None:
-        """Closed-loop simulation where the torque alone drove the arm, which drifts; else no single remedy."""
-        return None if self.driver is Driver.CONTROLLER else Remedy.CONTROLLER_LOOP
-
-    def __str__(self) -> str:
-        looped = self.driver is Driver.CONTROLLER
-        way = "in the controller's loop" if looped else f"within {self.restart:g} s of the measured torque"
-        error = f"{rough(self.error)} of the motion of {self.joint}"
-        return f"the free simulation of {self.log} has an error of {error} {way}"
 
 
 @dataclass(frozen=True)
@@ -412,13 +115,18 @@ class Verdict:
         )
         return opening, self._reasons_sentence(), residual, *((unknown,) if self.unknown else ())
 
+    @property
+    def names_all(self) -> bool:
+        """Whether the sentences have all that the reasons say."""
+        return len(self.reasons) <= NAMED_REASONS and all(_lead_of(reason) == str(reason) for reason in self.reasons)
+
     def _reasons_sentence(self) -> str:
         if not self.reasons and self.run is not None:
             return (
                 "Its mass matrix is positive definite in all poses tested, and the error of its free simulation is "
                 f"at most {rough(self.run.error)} of the motion ({self.run.joint}, {self.run.log})."
             )
-        clauses = [SENTENCE_END.split(str(reason), maxsplit=1)[0] for reason in self.reasons[:NAMED_REASONS]]
+        clauses = list(map(_lead_of, self.reasons[:NAMED_REASONS]))
         text = "Against its use: " if self.use is Use.DO_NOT_USE else "Not for simulation: "
         for k, clause in enumerate(clauses):
             # A reason that ends with a question mark closes its sentence, so the next one begins another
@@ -429,3 +137,8 @@ class Verdict:
         text += "" if text.endswith("?") else "."
         more = len(self.reasons) - NAMED_REASONS
         return text if more < 1 else f"{text} There {'is' if more == 1 else 'are'} {count(more, 'more reason')}."
+
+
+def _lead_of(reason: Reason) -> str:
+    """Return the first sentence of a reason."""
+    return SENTENCE_END.split(str(reason), maxsplit=1)[0]

@@ -11,16 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.estimators import Ridge
-from dynident.identification import verdict
+from dynident.identification import verdict_reasons as why
 from dynident.identification.links import scaled_covariance
 from dynident.identification.next_steps import next_steps
 from dynident.identification.result import Identification
 from dynident.identification.unobservable import unknowns
-from dynident.identification.verdict import HeldOut, LargestResidual, Reason, Verdict, WorstRun
-from dynident.identification.verdict_steps import (
-    NextStep,
-    Remedy,
-)
+from dynident.identification.verdict import HeldOut, LargestResidual, Verdict, WorstRun
+from dynident.identification.verdict_reasons import Reason
+from dynident.identification.verdict_steps import NextStep, Remedy
 from dynident.models import INERTIAL
 from dynident.motion.log import stack_states, subsample
 from dynident.regression import UnexcitedParameters, repeats_path
@@ -178,7 +176,7 @@ def _finding_reasons(identification: Identification, use: Use) -> Iterator[Reaso
         if finding.forbids is use:
             kind = finding.message if isinstance(finding.message, Remark) else type(finding.message)
             kinds.setdefault(kind, []).append(finding)
-    yield from (verdict.ForbiddingFindings(tuple(group)) for group in kinds.values())
+    yield from (why.ForbiddingFindings(tuple(group)) for group in kinds.values())
 
 
 def _constraint_reasons(identification: Identification) -> dict[Use, tuple[Reason, ...]]:
@@ -192,7 +190,7 @@ def _constraint_reasons(identification: Identification) -> dict[Use, tuple[Reaso
     effect = constraint_effect(identification)
     if effect.growth < MAX_RESIDUAL_GROWTH or effect.torque_change < min(MAX_TORQUE_CHANGE):
         return {}
-    kind = verdict.DrawnBack if isinstance(identification.recipe.estimator, Ridge) else verdict.HeldBack
+    kind = why.DrawnBack if isinstance(identification.recipe.estimator, Ridge) else why.HeldBack
     reason = kind(effect.growth, effect.torque_change)
     return {Use.CONTROL if effect.torque_change > max(MAX_TORQUE_CHANGE) else Use.SIMULATION: (reason,)}
 
@@ -201,42 +199,42 @@ def _against_use(identification: Identification) -> Iterator[Reason]:
     """Yield the reasons against any use."""
     held_out, train = identification.of_role("validation"), identification.of_role("train")
     if not held_out:
-        yield verdict.NoHoldOut()
+        yield why.NoHoldOut()
     # Held-out logs that repeat the training say nothing about other motions.
     repetitions = {a.name: b.name for a in held_out for b in train if repeats_path(a.motion, b.motion)}
     if held_out and len(repetitions) == len(held_out):
-        yield verdict.Repeats(tuple(repetitions.items()))
+        yield why.Repeats(tuple(repetitions.items()))
     joints = [joint.name for joint in identification.model.joints]
     if silent := [
         name for k, name in enumerate(joints) if not any(np.ptp(validation.motion.tau[:, k]) for validation in train)
     ]:
-        yield verdict.SilentTorque(tuple(silent))
+        yield why.SilentTorque(tuple(silent))
     for log in held_out:
         yield from _log_reasons(log, max(map(_judged_error, train)))
         if bad := [joint for joint in _imprecise_joints(log) if _is_harmful(identification, log, joint)]:
             errors = tuple((joint, _joint_errors(log)[joint]) for joint in bad)
-            yield verdict.JointErrorsTooLarge(log.name, errors, MAX_JOINT_ERROR)
+            yield why.JointErrorsTooLarge(log.name, errors, MAX_JOINT_ERROR)
     worst, largest = max(train, key=_judged_error), max(map(_judged_error, held_out), default=0.0)
     if (
         _judged_error(worst) > MAX_TORQUE_ERROR and _judged_error(worst) > MAX_ERROR_RATIO * largest > 0
     ):  # nan where the held-out torque is zero
-        yield verdict.TrainedWorse(worst.name, _judged_error(worst), _judged_error(worst) / largest)
+        yield why.TrainedWorse(worst.name, _judged_error(worst), _judged_error(worst) / largest)
     if identification.mass and not identification.mass.positive:
-        yield verdict.MassMatrixNotPositive(identification.mass.smallest)
+        yield why.MassMatrixNotPositive(identification.mass.smallest)
     lost, total = _count_unexcited(identification)
     if lost > MAX_UNEXCITED_SHARE * total:
-        yield verdict.MostlyUnexcited(lost, total)
+        yield why.MostlyUnexcited(lost, total)
 
 
 def _log_reasons(log: LogValidation, trained: float) -> Iterator[Reason]:
     """Yield the reasons in the torque error of one held-out log; ``trained`` is the error (%) in training."""
     error = _judged_error(log)
     if not error <= MAX_TORQUE_ERROR:
-        yield verdict.TorqueErrorTooLarge(log.name, error, MAX_TORQUE_ERROR)
+        yield why.TorqueErrorTooLarge(log.name, error, MAX_TORQUE_ERROR)
     if error != log.errors.relative_error and not log.errors.relative_error <= MAX_UNFILTERED_ERROR:
-        yield verdict.UnfilteredErrorTooLarge(log.name, log.errors.relative_error, MAX_UNFILTERED_ERROR)
+        yield why.UnfilteredErrorTooLarge(log.name, log.errors.relative_error, MAX_UNFILTERED_ERROR)
     if error > MAX_ERROR_RATIO * trained and error > MAX_TORQUE_ERROR / 2:
-        yield verdict.NotCarriedOver(log.name, error / trained)
+        yield why.NotCarriedOver(log.name, error / trained)
 
 
 def _joint_reasons(identification: Identification) -> Iterator[Reason]:
@@ -244,11 +242,11 @@ def _joint_reasons(identification: Identification) -> Iterator[Reason]:
     # a free simulation that was run judges that itself
     for log in identification.of_role("validation") if not identification.runs else ():
         if joints := tuple((joint, floor) for joint, floor in log.floors.items() if _is_above_floor(log, joint, floor)):
-            yield verdict.AboveFloor(log.name, joints)
+            yield why.AboveFloor(log.name, joints)
     for log in identification.of_role("validation"):
         if weak := [joint for joint in _imprecise_joints(log) if not _is_harmful(identification, log, joint)]:
             sizes = tuple((joint, _joint_errors(log)[joint], log.errors.rmse[joint]) for joint in weak)
-            yield verdict.WeakJoints(log.name, sizes)
+            yield why.WeakJoints(log.name, sizes)
 
 
 def _against_simulation(identification: Identification) -> Iterator[Reason]:
@@ -256,31 +254,31 @@ def _against_simulation(identification: Identification) -> Iterator[Reason]:
     yield from _joint_reasons(identification)
     error = identification.fact("announced error", lambda: announced_error(identification))
     if error is not None and error > MAX_ANNOUNCED_ERROR:
-        yield verdict.Uncertain(error)
+        yield why.Uncertain(error)
     lost, total = _count_unexcited(identification)
     if 0 < lost <= MAX_UNEXCITED_SHARE * total:
-        yield verdict.PartlyUnexcited(lost, total)
+        yield why.PartlyUnexcited(lost, total)
     if (share := _speed_share(identification)) < MIN_SPEED_SHARE:
-        yield verdict.SlowHoldOut(share)
+        yield why.SlowHoldOut(share)
     estimate, parameters = identification.estimate, identification.model.parameters
     pairs = zip(parameters, estimate.value, strict=True)
     negative = [x.name for x, value in pairs if x.role in ("viscous", "coulomb", "rotor", "mass") and value < 0]
     if negative:
-        yield verdict.NegativeValues(tuple(negative))
+        yield why.NegativeValues(tuple(negative))
     bodies = any(parameter.role in INERTIAL for parameter in parameters)
     # Eigenvalues of the pseudo-inertias; a tolerance for values on the boundary of the cone.
     smallest = estimate.consistency.eigenvalues.values() if estimate.consistency else ()
     if bodies and not (smallest and min(smallest) >= -1e-9):
-        yield verdict.InertiasFree()
+        yield why.InertiasFree()
     failed = [(run.name, run.failure) for run in identification.runs if run.failure]
     if not identification.runs:
-        yield verdict.NoFreeRun()
+        yield why.NoFreeRun()
     elif failed:
-        yield verdict.FreeRunFails(tuple(name for name, _ in failed), failed[0][1])
+        yield why.FreeRunFails(tuple(name for name, _ in failed), failed[0][1])
     else:
         run, joint, error = _largest_motion_error(identification)
         if not error <= (MAX_LOOP_ERROR if run.driver is Driver.CONTROLLER else MAX_WINDOW_ERROR):
-            yield verdict.FreeRunAstray(run.name, joint, error, run.driver, run.restart)
+            yield why.FreeRunAstray(run.name, joint, error, run.driver, run.restart)
 
 
 def _speed_share(identification: Identification) -> float:

@@ -11,13 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import (
-    MINIMUM_SAMPLES,
-    check_log,
-    respace,
-    rest_findings,
-    split_gaps,
-)
+from dynident.checks import MINIMUM_SAMPLES, check_log, respace, rest_findings, split_gaps
 from dynident.checks.motion_notes import LoopUnused
 from dynident.files.tables import DataTable, read_columns
 from dynident.models import Joint

@@ -29,7 +29,7 @@ from dynident.validation import LogValidation
 
 Array = NDArray[np.float64]
 FORMAT, VERSION = "dynident result", 1
-SERVO_FORMAT = "dynident servos"  # of servo.json
+SERVO_FORMAT, SERVO_VERSION = "dynident servos", 1  # of servo.json
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 LIMITS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
 NOT_FINITE = ["Infinity", "-Infinity", "NaN"]

@@ -22,8 +22,9 @@ from dynident.report.identification import (
     run_figure,
     torque_figure,
 )
+from dynident.report.identification.head import summary_lines
 from dynident.report.identification.parameters import terminal_parameters
-from dynident.report.identification.report import summary_lines, verdict_text
+from dynident.report.identification.report import verdict_text
 from dynident.report.identification.validation import error_table
 from dynident.report.page import Column, PageTable
 from dynident.report.words import logs_of

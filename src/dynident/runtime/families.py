@@ -102,12 +102,9 @@ class PartFamily:
         if not _is_frozen(part):
             raise ConfigError(f"{where} is no frozen dataclass; write @dataclass(frozen=True) before its class.")
         # fields without a default are no attributes of the class
-        attributes = {name for base in part.__mro__[:-1] for name in vars(base)} | {
-            field.name for field in fields(part)
-        }
-        if missing := [
-            name for name in self.members if name not in attributes - getattr(part, "__abstractmethods__", frozenset())
-        ]:
+        attributes = {field.name for field in fields(part)}.union(*map(vars, part.__mro__[:-1]))
+        attributes -= getattr(part, "__abstractmethods__", frozenset())
+        if missing := [name for name in self.members if name not in attributes]:
             raise ConfigError(f"{where} is no {self.name}: it lacks {', '.join(missing)}.")
         if self.base and self.base not in map(_import_path, part.__mro__):
             raise ConfigError(f"{where} is no {self.name}: derive it from {self.base.replace(':', '.')}.")
@@ -217,9 +214,7 @@ def _plain_scalar(value: Any, where: str) -> Any:
         return str(value)
     if value is None or isinstance(value, bool | int | float | str):
         return value
-    raise ConfigError(
-        f"{where} is a {type(value).__name__}; settings are numbers, texts, and lists or mappings of them."
-    )
+    raise ConfigError(f"{where} is a {type(value).__name__}; settings are numbers, texts, lists or mappings of them.")
 
 
 SMOOTHERS = PartFamily(
@@ -357,9 +352,7 @@ class _Rule:
             for key, entry in entries:
                 self.items.check(f"{name} of {key!r}" if self.keyed else f"entry {key} of {name}", entry)
         # choices may be texts beside numbers, or whole numbers alone
-        is_choice = isinstance(value, str) or (
-            bool(self.texts) and isinstance(self.texts[0], int) and value is not None
-        )
+        is_choice = isinstance(value, str) or (isinstance(next(iter(self.texts), ""), int) and value is not None)
         if is_choice and self.texts and value not in self.texts:
             raise ConfigError(f"{name} = {value!r}; {choices(str(value), map(str, self.texts))}")
         if not self.limits or isinstance(value, bool) or not isinstance(value, Real):

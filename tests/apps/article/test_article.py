@@ -11,16 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynident.apps.article import (
-    LEVELS,
-    METHODS,
-    PUBLISHED,
-    SCENARIOS,
-    Reproduction,
-    StudyCase,
-    method_of,
-    reproduce,
-)
+from dynident.apps.article import LEVELS, METHODS, PUBLISHED, SCENARIOS, Reproduction, StudyCase, method_of, reproduce
 from dynident.estimators import LeastSquares, PhysicallyConsistent
 from dynident.motion.smoothers import Butterworth
 from dynident.runtime import ConfigError, InputError

@@ -19,7 +19,7 @@ from dynident.regression import Regression, Selection, UnexcitedParameters, base
 from dynident.runtime import InputError, progress_to
 from tests.apps.excitation.arms import LIMITS, MODEL, THETA
 from tests.apps.excitation.requests import BASIS, OPEN, REQUEST, SPACE
-from tests.kept import check_kept, digits, told
+from tests.kept import check_kept, digits, facts
 
 SIGMA = np.array([0.4, 0.1])
 
@@ -98,13 +98,7 @@ def short(monkeypatch):
 
 def designed(seed=0, model=MODEL, theta=THETA, space=OPEN, executor=None, **changes):
     return design(
-        model,
-        theta,
-        LIMITS,
-        space,
-        replace(REQUEST, **changes),
-        np.random.default_rng(seed),
-        executor=executor,
+        model, theta, LIMITS, space, replace(REQUEST, **changes), np.random.default_rng(seed), executor=executor
     )
 
 
@@ -205,6 +199,6 @@ def test_a_motion_that_fails_the_last_check_is_refused(monkeypatch):
 
 def test_the_figures_of_a_design_stay():
     one = plain()
-    lines = [line for part in (one.expected, *one.checks) for line in told(part)]
+    lines = [line for part in (one.expected, *one.checks) for line in facts(part)]
     lines += [digits(each.states(each.times(10.0))) for each in (one.trajectory, one.validation)]
     check_kept("design", "\n".join(lines))

@@ -77,9 +77,7 @@ def test_what_is_not_known_before_is_left_out() -> None:
 def test_limits_by_rule_and_beyond_the_file_are_named() -> None:
     _, found = designed()
     limits = replace(
-        found.limits,
-        by_rule={"lift": ("jerk", "torque"), "bend": ("jerk", "position")},
-        beyond={"bend": ("velocity",)},
+        found.limits, by_rule={"lift": ("jerk", "torque"), "bend": ("jerk", "position")}, beyond={"bend": ("velocity",)}
     )
     said = list(limit_words(replace(found, limits=limits)))
     assert len(said) == 4

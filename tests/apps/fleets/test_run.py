@@ -20,7 +20,7 @@ from dynident.regression import structural_base_parameters
 from dynident.runtime import ConfigError, InputError
 from dynident.runtime.jobs import JobResult, Status, local_workers, run_jobs
 from tests.apps.fleets.made import FLEET, RECIPE, arm, make_fleet, truth, write_log
-from tests.kept import check_kept, told
+from tests.kept import check_kept, facts
 
 LOGS = ["logs/arm-1/2026-01-01.csv", "logs/arm-1/2026-01-02.csv", "logs/arm-2/2026-01-01.csv"]
 Result = JobResult[LogJob, LogResult]
@@ -247,4 +247,4 @@ def test_wrong_settings_are_refused_before_the_work(fleet: Path, text: str, erro
 
 def test_the_table_of_a_fleet_stays(made: Path) -> None:
     rows = table(made / "out").drop("stamp", "recipe", strict=False).rows(named=True)
-    check_kept("fleet_table", "\n".join(line for row in rows for line in told({**row}, row["log"])))
+    check_kept("fleet_table", "\n".join(line for row in rows for line in facts({**row}, row["log"])))

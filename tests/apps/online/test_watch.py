@@ -208,11 +208,7 @@ def test_a_killed_watch_goes_on(
 
 
 def test_a_signal_in_the_midst_of_samples_loses_none(
-    slider: Path,
-    text: str,
-    undisturbed: tuple[list[Event], Watch],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    slider: Path, text: str, undisturbed: tuple[list[Event], Watch], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (expected, one), stream = undisturbed, tmp_path / "stream.csv"
     stream.write_text(text[:150_000])

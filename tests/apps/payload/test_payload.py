@@ -30,7 +30,7 @@ from dynident.models.friction import LoadCoulomb
 from dynident.project.saved import load
 from dynident.runtime import ConfigError, InputError, ModelError
 from tests.apps.payload.arms import CARRIED, RECIPE, arm, damaged, fit, loaded_result, recorded, result
-from tests.kept import check_kept, told
+from tests.kept import check_kept, facts
 
 GAINS = DriveGains(("a",), np.array([1.1]), np.array([[1e-4]]), 2.0)
 
@@ -313,4 +313,4 @@ def test_a_known_mass_far_beyond_the_arm_is_refused() -> None:
 
 
 def test_the_figures_of_a_payload_stay() -> None:
-    check_kept("payloads", "\n".join(line for payload in (found(), weighed()) for line in told(payload, depth=2)))
+    check_kept("payloads", "\n".join(line for payload in (found(), weighed()) for line in facts(payload, depth=2)))

@@ -22,7 +22,7 @@ from dynident.project.settings import Config
 from dynident.runtime import ConfigError, InputError, Step, progress_to
 from dynident.runtime.families import ESTIMATORS, SMOOTHERS
 from tests.apps.ranking.made import CONFIG, Greedy, Halved, Lacking, OnMonday, Raising, Stuck, Whole, make_project
-from tests.kept import check_kept, told
+from tests.kept import check_kept, facts
 
 BODIES = dy.read_robot(Path(__file__).parents[3] / "src/dynident/apps/demo/files/arm.urdf")
 
@@ -297,7 +297,7 @@ def test_a_log_that_repeats_the_training_is_named(tmp_path: Path) -> None:
 
 
 def test_the_numbers_of_a_comparison_stay(found: Ranking) -> None:
-    check_kept("compared", "\n".join(line for row in numbers(found) for line in told(list(row))))
+    check_kept("compared", "\n".join(line for row in numbers(found) for line in facts(list(row))))
 
 
 @pytest.mark.parametrize(("kept", "left_out"), [(4, False), (3, True)])

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
 
 from dynident.apps.demo import TRUE_DELAY, servo_files
+from dynident.apps.servo.run import load_servos
+from dynident.project.project import parse_project
 from tests.cli.commands import run
 
 
@@ -69,5 +73,31 @@ def test_a_rollout_of_another_recording_is_that_of_the_report(config, folder) ->
     result = json.loads((folder / "out" / "servo.json").read_text())
     error = (table["simulated_elbow"] - table["measured_elbow"]).to_numpy()[table["t"].to_numpy() > 0.5]
     assert np.sqrt((error**2).mean()) == pytest.approx(result["rollouts"][1]["whole"][2], rel=0.01)
-    (folder / "torn.json").write_text('{"format": "dynident servos"}')
-    assert "is no result of servos" in " ".join(run("predict", "torn.json", "tuesday.csv").output.split())
+
+
+def test_the_file_is_compared_with_its_own_gains(config) -> None:
+    arm = load_servos(parse_project(config, Path("arm.yaml")))
+    unsaid = replace(arm, nominal=replace(arm.nominal, kp=np.array([np.nan, 17.8, 17.8])))
+    found = replace(arm.nominal, kp=np.array([20.0, 30.0, 17.8]), delay=0.01)
+    beside = unsaid.beside(found)
+    assert (beside.kp.tolist(), beside.delay) == ([20.0, 17.8, 17.8], 0.01)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"parameters": [{"quantity": "colour", "joint": None, "value": 1.0}]}, "is no result of servos"),
+        ({"parameters": [{"quantity": "armature", "joint": "tail", "value": 1.0}]}, "is no result of servos"),
+        ({"configuration": {"path": "arm.yaml"}}, "is no result of servos"),
+        ({"version": 2}, "is of version 2"),
+        ({"joints": ["elbow", "base", "shoulder"]}, "are not the joints of the robot file"),
+    ],
+)
+def test_a_damaged_result_is_refused(config, folder, change, words) -> None:
+    right = {
+        "format": "dynident servos", "version": 1, "joints": ["base", "shoulder", "elbow"], "parameters": [],
+        "configuration": {"path": str(folder / "arm.yaml"), "text": config}, "files": {}, "commands_held": True,
+    }  # fmt: skip
+    (folder / "torn.json").write_text(json.dumps({**right, **change}))
+    done = run("predict", "torn.json", "tuesday.csv")
+    assert (done.exit_code, words in " ".join(done.output.split())) == (1, True), done.output

@@ -7,33 +7,14 @@ import numpy as np
 import polars as pl
 import pytest
 
-from dynident.apps.demo.servo_arm import (
-    COUNT,
-    FILE_VALUES,
-    LOG_EVERY,
-    SERVO_JOINTS,
-    STEP,
-    TRUE_DELAY,
-    TRUE_VALUES,
-    servo_mjcf,
-)
+from dynident.apps.demo.servo_arm import FILE_VALUES, SERVO_JOINTS, TRUE_VALUES, play_commands, servo_mjcf
 from tests.cli.commands import run
 
 
 def play(commands: str, out: str) -> None:
     """Record what the demo's arm does by the commands of a file."""
     table = pl.read_csv(commands)
-    command = table.select([f"cmd_{name}" for name in SERVO_JOINTS]).to_numpy()
-    data = mujoco.MjData(mujoco.MjModel.from_xml_string(servo_mjcf(TRUE_VALUES)))
-    data.qpos[:], q, late = command[0], np.empty(command.shape), TRUE_DELAY / STEP
-    for k in range(len(command) * LOG_EVERY):
-        if k % LOG_EVERY == 0:
-            q[k // LOG_EVERY] = np.round(data.qpos / COUNT) * COUNT
-        edges = np.maximum(np.array([k - late, k + 1 - late]), 0)  # of a command that comes within a step, its share
-        first, last = (np.floor(edges + np.array([0, -1e-9])) / LOG_EVERY).astype(int)
-        share = 0.0 if first == last else edges[1] - last * LOG_EVERY
-        data.ctrl[:] = (1 - share) * command[first] + share * command[last]
-        mujoco.mj_step(data.model, data)
+    q = play_commands(table.select([f"cmd_{name}" for name in SERVO_JOINTS]).to_numpy())
     table.with_columns(**{f"pos_{name}": q[:, k] for k, name in enumerate(SERVO_JOINTS)}).write_csv(out)
 
 
@@ -61,7 +42,7 @@ def test_chirps_keep_their_limits_and_show_the_arm(tmp_path, monkeypatch) -> Non
     assert model.dof_armature == pytest.approx(TRUE_VALUES["armature"], rel=0.05)
 
 
-def test_what_cannot_be_designed_is_refused(tmp_path, monkeypatch) -> None:
+def test_settings_are_followed_and_what_cannot_be_designed_is_refused(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "arm.xml").write_text(servo_mjcf(FILE_VALUES))
     (tmp_path / "pose.yaml").write_text("start: { elbow: 0.3 }\nlimits: { elbow: { lower: 0.29, upper: 0.3 } }\n")
@@ -70,6 +51,10 @@ def test_what_cannot_be_designed_is_refused(tmp_path, monkeypatch) -> None:
     assert "takes a robot file" in " ".join(refused.output.split())
     refused = run("excite", "--for", "servo", "arm.xml", "-o", "b", "--settings", "pose.yaml")
     assert "joint 'elbow' has no room" in " ".join(refused.output.split())
-    assert run("excite", "--for", "servo", "arm.xml", "-o", "c", "--duration", "5").exit_code == 0
+    (tmp_path / "rate.yaml").write_text("rate: 50\nduration: 5\n")
+    assert run("excite", "--for", "servo", "arm.xml", "-o", "c", "--settings", "rate.yaml").exit_code == 0
+    assert len(pl.read_csv("c/motion.csv")) == 250
+    refused = run("excite", "--for", "servo", "arm.xml", "-o", "d", "--program", "friction", "--file-rate", "50")
+    assert "--program, --file-rate: of no use with --for servo" in " ".join(refused.output.split())
     again = run("excite", "--for", "servo", "arm.xml", "-o", "c")
     assert "exists already" in " ".join(again.output.split())

@@ -11,11 +11,13 @@ import pytest
 from pydantic import ValidationError
 
 from dynident.apps.demo.servo_arm import FILE_VALUES, SERVO_JOINTS
+from dynident.apps.servo import servo_page
 from dynident.apps.servo.fit import split_into_windows, window_residuals
 from dynident.apps.servo.start import smooth_servo_log
 from dynident.apps.servo.values import FRICTION
 from dynident.project.drive_settings import ServoSettings
 from tests.apps.servo.arms import ONES, motor_mjcf, plant, torque_recording, values
+from tests.apps.servo.made import identified
 from tests.cli.commands import run
 
 DELAY, GEAR = 0.012, 2.0
@@ -62,6 +64,13 @@ def test_windows_do_not_see_the_states_that_they_start_from() -> None:
     moved = arm.rollout(truth, motion.log, windows.starts, windows.stops, hasty.speeds)
     assert np.abs(moved[3] - motion.log.q[windows.starts[3] : windows.stops[3]]).max() > 1.5e-3
     assert np.abs(np.vstack(window_residuals(arm, hasty, windows, truth)) - exact).max() < 2e-4
+
+
+def test_a_commanded_torque_is_not_drawn_as_a_position() -> None:
+    angles = identified()
+    torques = replace(angles, fit=replace(angles.fit, values=replace(angles.fit.values, kp=0 * ONES)))
+    drawn = ['"name":"command"' in servo_page(result) for result in (angles, torques)]
+    assert drawn == [True, False]
 
 
 @pytest.mark.parametrize(

@@ -216,10 +216,7 @@ def test_the_application_answers_and_escapes(session: Session) -> None:
 
 
 ODD_VALUES = ([], {}, [1], [None, {}], {"a": 1}, 1, -1.5, True, "x", "\ud800", 10**400, [[], []], None)
-SENT = {
-    "curves": ("search", "degree", "zoom", "fine", "tab", "at"),
-    "act": ("search", "control", "value"),
-}
+SENT = {"curves": ("search", "degree", "zoom", "fine", "tab", "at"), "act": ("search", "control", "value")}
 CONTROLS = ("column", "degree", "mark", "min_speed", "term", "fitted", "filter", "decimate", "cutoff", "estimator",
             "offset", "exclude", "include", "reset", "joint", "log", "reach")  # fmt: skip
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynident.identification import SourceFile, judge
 from dynident.report.identification import identification_page
-from dynident.report.identification.report import head_numbers, summary_lines, worst_joint
+from dynident.report.identification.head import head_numbers, summary_lines, worst_joint
 from dynident.report.identification.validation import floor_ratio_text
 from dynident.validation import FloorOrigin, HighFrequency, NoiseFloor, residual_text
 from tests.report.conftest import identification_of

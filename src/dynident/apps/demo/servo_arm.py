@@ -45,6 +45,16 @@ def servo_mjcf(values: Mapping[str, tuple[float, ...]]) -> str:
 def servo_recording(seed: int, duration: float = 12.0) -> tuple[Array, Array, Array]:
     """Return stamps (N), commands (N, 3), and positions (N, 3) as the encoders show them; s, rad.
 
+    Raises ModelError where MuJoCo is not installed.
+    """
+    t = np.arange(0.0, duration, LOG_EVERY * STEP)
+    command = _commands(t, np.random.default_rng(seed))
+    return t, command, play_commands(command)
+
+
+def play_commands(command: Array) -> Array:
+    """Return the positions (N, 3), rad, that the encoders show while the true arm follows commands (N, 3), rad.
+
     Commands are held for 10 ms and act 23 ms late. Raises ModelError where MuJoCo is not installed.
     """
     try:
@@ -52,8 +62,6 @@ def servo_recording(seed: int, duration: float = 12.0) -> tuple[Array, Array, Ar
     except ImportError as error:
         words = f"the arm of servos is simulated in MuJoCo; install it by: {install_command('mujoco')}"
         raise ModelError(words) from error
-    t = np.arange(0.0, duration, LOG_EVERY * STEP)
-    command = _commands(t, np.random.default_rng(seed))
     model = mujoco.MjModel.from_xml_string(servo_mjcf(TRUE_VALUES))
     data = mujoco.MjData(model)
     data.qpos[:] = command[0]
@@ -68,7 +76,7 @@ def servo_recording(seed: int, duration: float = 12.0) -> tuple[Array, Array, Ar
         # within a step the old command still acts for a share of it
         data.ctrl[:] = (1 - (steps - lead)) * padded[k + 1] + (steps - lead) * padded[k]
         mujoco.mj_step(model, data)
-    return t, command, np.round(q / COUNT) * COUNT
+    return np.asarray(np.round(q / COUNT) * COUNT)
 
 
 def _commands(t: Array, rng: np.random.Generator) -> Array:

@@ -1,6 +1,6 @@
 """The design of motions that show the parameters, within all limits of an arm."""
 
-from dynident.apps.excitation.chirp import DEFAULT_SPEED, command_csv, design_chirps
+from dynident.apps.excitation.chirp import DEFAULT_RATE, DEFAULT_SPEED, command_csv, design_chirps
 from dynident.apps.excitation.clearance import CapsuleSpace
 from dynident.apps.excitation.criterion import Criterion
 from dynident.apps.excitation.design import Design, ExpectedAccuracy, Interrupted, design, expected_accuracy

@@ -17,7 +17,7 @@ from dynident.apps.excitation.robot import ExcitationProject
 from dynident.runtime import InputError, Noun
 
 Array = NDArray[np.float64]
-DEFAULT_SPEED = 1.5  # rad/s or m/s, where a file has no limit
+DEFAULT_RATE, DEFAULT_SPEED = 100.0, 1.5  # Hz; rad/s or m/s, where a file has no limit
 MAX_AMPLITUDE = {"revolute": 0.25, "prismatic": 0.03}  # rad, m
 LOWEST, HIGHEST = 0.1, 4.0  # Hz
 MIN_SAMPLES_PER_PERIOD = 8

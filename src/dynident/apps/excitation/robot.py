@@ -36,7 +36,7 @@ from dynident.files.results import as_path
 from dynident.files.xml_text import SUFFIXES
 from dynident.files.yaml_text import load_yaml
 from dynident.identification import Identification, SourceFile
-from dynident.models import Box, Cylinder, Distances, EmptySpace, Floor, Geometry, Obstacle, RigidBodies, Space
+from dynident.models import Box, Cylinder, Distances, EmptySpace, Floor, Geometry, Model, Obstacle, RigidBodies, Space
 from dynident.project.config import config_text, load_model, replace_auto_terms
 from dynident.project.fields import read_settings
 from dynident.project.project import parse_project
@@ -129,10 +129,12 @@ def read_excitation(
     *,
     ready: Callable[[], None] = lambda: None,
     allow_code: bool = False,
+    defaults: Mapping[str, Any] | None = None,
     speed: float | None = None,
 ) -> ExcitationProject:
     """Read a robot file, a configuration or a result, and the ``settings`` of the motion: a file, else the section
-    ``excitation`` of the configuration, also of that of a result; ``changes`` are put in their place.
+    ``excitation`` of the configuration, also of that of a result; ``changes`` are put in their place, and ``defaults``
+    where they say nothing.
 
     Terms that are to be chosen are the plain set. Where all logs of a configuration are there, they are identified: the
     torque is by the parameters found, the noise by the residual. A result also brings the information of its training.
@@ -147,7 +149,7 @@ def read_excitation(
     identification = load(path, allow_code=allow_code) if kind == ".json" else None
     config = SourceFile(str(path), text=config_text(path)) if kind in CONFIGS else None
     config = identification.provenance.configuration if identification else config
-    motion_settings = _motion_settings(config, settings, changes)
+    motion_settings = _motion_settings(config, settings, changes, defaults or {})
     robot = _robot_settings_of(path, identification, config)
     remember_inputs(path)
     # let the caller refuse its targets before the slow work, now that the inputs are known
@@ -169,13 +171,7 @@ def read_excitation(
         prior = nominal_knowledge(model)
     else:
         prior = _prior_from_logs(path, config_text(path), ready)
-    user_limits = {name: JointLimits(**limit.model_dump()) for name, limit in motion_settings.limits.items()}
-    for joint in prior.model.joints if speed is not None else ():
-        given = user_limits.get(joint.name, JointLimits())
-        in_file = prior.model.limits.get(joint.name)
-        if given.velocity is None and (in_file is None or in_file.velocity is None):
-            user_limits[joint.name] = replace(given, velocity=speed)
-    limits = motion_limits(prior.model, user_limits, motion_settings.margin)
+    limits = motion_limits(prior.model, _user_limits(motion_settings, prior.model, speed), motion_settings.margin)
     origin, sigma = torque_noise(prior, motion_settings.noise, limits, motion_settings.margin, motion_settings.rate)
     request = MotionRequest(
         sigma,
@@ -195,6 +191,16 @@ def read_excitation(
     )
     file = _model_file(path, kind, identification, config)
     return ExcitationProject(path, prior, motion_settings, limits, origin, request, config, file, gripper)
+
+
+def _user_limits(settings: ExcitationSettings, model: Model, speed: float | None) -> dict[str, JointLimits]:
+    """Return the limits of the settings, and the ``speed`` of joints for which nothing gives one."""
+    limits = {name: JointLimits(**limit.model_dump()) for name, limit in settings.limits.items()}
+    for joint in model.joints if speed is not None else ():
+        limit, in_file = limits.get(joint.name, JointLimits()), model.limits.get(joint.name)
+        if limit.velocity is None and (in_file is None or in_file.velocity is None):
+            limits[joint.name] = replace(limit, velocity=speed)
+    return limits
 
 
 def _model_file(path: Path, kind: str, identification: Identification | None, config: SourceFile | None) -> Path | None:
@@ -244,9 +250,10 @@ def _lone_model(data: Any, path: Path) -> Robot | None:
 
 
 def _motion_settings(
-    config: SourceFile | None, settings: str | Path | None, changes: Mapping[str, Any] | None
-) -> ExcitationSettings:
-    """Return the settings of the file ``settings``, else those in a configuration, with changes."""
+    config: SourceFile | None, settings: str | Path | None, changes: Mapping[str, Any] | None,
+    defaults: Mapping[str, Any],
+) -> ExcitationSettings:  # fmt: skip
+    """Return the settings of the file ``settings``, else those in a configuration, with changes, over defaults."""
     data: Mapping[str, Any] = {}
     place, folder = "excitation", Path()
     if settings is not None:
@@ -260,7 +267,7 @@ def _motion_settings(
         changes["packages"] = [
             Path.cwd() / package if isinstance(package, str | Path) else package for package in packages
         ]
-    motion_settings = excitation_settings({**data, **changes}, place, folder)
+    motion_settings = excitation_settings({**defaults, **data, **changes}, place, folder)
     for package in motion_settings.packages:
         if not os.path.isdir(package):
             raise ConfigError(f"{place}: packages: there is no folder {str(package)!r}.")

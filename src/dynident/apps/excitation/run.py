@@ -91,11 +91,7 @@ def excite(
             return project.design(executor)
         with result_folder(out) as folder:
             project = read_excitation(
-                robot,
-                settings,
-                changes,
-                ready=partial(refuse_targets, folder.path),
-                allow_code=allow_code,
+                robot, settings, changes, ready=partial(refuse_targets, folder.path), allow_code=allow_code
             )
             design = project.design(executor)
             write_design(folder, project, design)

@@ -10,19 +10,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from dynident.apps.init.column_mapping import ChannelProposal, ColumnMapping, widths
-from dynident.apps.init.match import MovableJoint, read_joints
+from dynident.apps.init.match import MovableJoint
 from dynident.apps.init.servo_draft import GAIN_QUESTION, servo_section, servos_of_file
 from dynident.files.opener import relative
 from dynident.files.ros import BAGS
 from dynident.files.tables import DataTable, read_columns
 from dynident.files.xml_text import SUFFIXES
-from dynident.files.yaml_text import UNPRINTABLE
+from dynident.files.yaml_text import UNPRINTABLE, yaml_name
 from dynident.identification import moving_span
-from dynident.models import Joint
 from dynident.motion.log import Log
 from dynident.project.arms import find_arm
 from dynident.project.columns import is_commanded
@@ -32,8 +30,6 @@ from dynident.project.settings import LogSpec
 from dynident.runtime import InputError, choices, join_names
 
 Array = NDArray[np.float64]
-# names that YAML takes as they are, but for words such as yes
-_PLAIN_NAME = re.compile(r"(?!\.+$)[A-Za-z_./][A-Za-z0-9_./-]*")
 _TRAINING_SHARE = 0.7  # of a single log
 _MAX_MEASURED_VALUE = 1e100  # of values that can have been measured
 _GAIN_QUESTION = (
@@ -145,7 +141,7 @@ def draft_config(
     _write_time(page, mapping)
     _write_channels(page, "position", mapping.position, mapping)
     if mapping.command:
-        lines, asked = servo_section(servos_of_file(robot, joints), mapping.command, _yaml_name)
+        lines, asked = servo_section(servos_of_file(robot, joints), mapping.command)
         page.lines.extend(lines)
         if asked:
             page.ask("simulation.joints", f"{join_names(asked)}: {GAIN_QUESTION}")
@@ -179,27 +175,6 @@ def draft_config(
     return ConfigDraft(text, tuple(notes), tuple(page.questions), tuple(page.blanks), bool(mapping.command))
 
 
-def servo_config(robot: str, joints: Sequence[Joint], folder: Path) -> tuple[str, list[str]]:
-    """Return the configuration that reads recordings of servos still to be made, with columns cmd_JOINT and pos_JOINT,
-    and what is to be filled in; the robot file is named relative to the ``folder``."""
-    names = {joint.name: _yaml_name(joint.name) for joint in joints}
-    commands = {joint.name: ChannelProposal(f"cmd_{joint.name}", joint.unit) for joint in joints}
-    movable = [joint for joint in read_joints(robot) if joint.name in names]
-    section, asked = servo_section(servos_of_file(robot, movable), commands, _yaml_name)
-    columns = {joint.name: _yaml_name(f"pos_{joint.name}") for joint in joints}
-    lines = [
-        "# For `dynident check` and `dynident identify`, once the motions of this folder are recorded.",
-        f"model: {{ file: {_yaml_name(relative(Path(robot), folder))} }}",
-        "time: { column: time, unit: s }",
-        "position:",
-        *(f"  {names[x.name]}: {{ column: {columns[x.name]}, unit: {x.unit} }}" for x in joints),
-        *section,
-        "train: [{ file: motion_recorded.csv }]",
-        "validation: [{ file: validation_recorded.csv }]",
-    ]
-    return "\n".join(lines) + "\n", [f"{name}: {GAIN_QUESTION}" for name in asked]
-
-
 @dataclass(frozen=True)
 class _Page:
     """Lines written so far, with their open questions."""
@@ -228,11 +203,11 @@ class _Page:
 def _write_model(page: _Page, robot: str, joints: Sequence[MovableJoint], mapping: ColumnMapping, folder: Path) -> None:
     if Path(robot).suffix.lower() not in SUFFIXES:
         place, _, name = robot.rpartition(":")
-        page.line(f"model: {_yaml_name(robot if place == 'gallery' else f'{relative(Path(place), folder)}:{name}')}")
+        page.line(f"model: {yaml_name(robot if place == 'gallery' else f'{relative(Path(place), folder)}:{name}')}")
         return
     page.line("model:")
-    page.line(f"  file: {_yaml_name(relative(Path(robot), folder))}")
-    page.line(f"  joints: [{', '.join(map(_yaml_name, mapping.position))}]")
+    page.line(f"  file: {yaml_name(relative(Path(robot), folder))}")
+    page.line(f"  joints: [{', '.join(map(yaml_name, mapping.position))}]")
     coupled = [joint for joint in joints if joint.name not in mapping.position and joint.name not in mapping.lock]
     if coupled:
         page.lines[-1] += f"  # {join_names(map(repr, [joint.name for joint in coupled]))}: coupled to a fixed joint"
@@ -240,7 +215,7 @@ def _write_model(page: _Page, robot: str, joints: Sequence[MovableJoint], mappin
         page.line("  lock:  # joints that are not identified, and their positions")
     for name, (value, question) in mapping.lock.items():
         why = "  # does not move in the logs" if name in mapping.still_joints else ""
-        page.line(f"    {_yaml_name(name)}: {value:.12g}{why}", f"model.lock.{name}", question)
+        page.line(f"    {yaml_name(name)}: {value:.12g}{why}", f"model.lock.{name}", question)
     if mapping.command:
         return
     if mapping.gravity is not None:
@@ -257,13 +232,10 @@ def _write_usual_limits(page: _Page, joints: Sequence[MovableJoint], mapping: Co
     """Offer the usual limits of a well-known arm, as comments, for the motions that `excite` designs."""
     limits = {joint.name: joint.limits for joint in joints}
     if arm := find_arm({name: limits[name] for name in mapping.position if name in limits}):
-        page.line("")
-        page.line(f"# for `dynident excite`, usual limits of a {arm.name}, from {arm.source};")
-        page.line("# delete the # before the lines to use them")
-        page.line("# excitation:")
-        page.line("#   limits:")
+        page.lines.extend(["", f"# for `dynident excite`, usual limits of a {arm.name}, from {arm.source};"])
+        page.lines.extend(["# delete the # before the lines to use them", "# excitation:", "#   limits:"])
         for name, values in arm.limits.items():
-            page.line(f"#     {_yaml_name(name)}: {{ {', '.join(f'{kind}: {x:g}' for kind, x in values.items())} }}")
+            page.line(f"#     {yaml_name(name)}: {{ {', '.join(f'{kind}: {x:g}' for kind, x in values.items())} }}")
 
 
 def _write_time(page: _Page, mapping: ColumnMapping) -> None:
@@ -275,7 +247,7 @@ def _write_time(page: _Page, mapping: ColumnMapping) -> None:
         )
         page.line("# time: { rate: }")
         return
-    text = f"time: {{ column: {_yaml_name(time.column)}, unit: {time.unit} }}"
+    text = f"time: {{ column: {yaml_name(time.column)}, unit: {time.unit} }}"
     rate = f"  # about {1 / time.step:.4g} Hz" if time.step > 0 and not time.question else ""
     page.line(text + rate, "time", time.question)
 
@@ -314,11 +286,11 @@ def _request_missing(page: _Page, section: str, signals: Mapping[str, ChannelPro
 def _channel_line(name: str, signal: ChannelProposal) -> str:
     """Return the line of a channel; it is a comment where something is to be filled in."""
     if signal.column is None:
-        return f"  # {_yaml_name(name)}: {{ column: , unit: {signal.unit} }}"
+        return f"  # {yaml_name(name)}: {{ column: , unit: {signal.unit} }}"
     gain = f" gain: {signal.factor[0]:.4g}," if signal.factor else " gain: ," if signal.gain else ""
     gain += f" wraps: {signal.wraps!r}," if signal.wraps else ""
     start = "  # " if signal.needs_gain else "  "
-    return f"{start}{_yaml_name(name)}: {{ column: {_yaml_name(signal.column)},{gain} unit: {signal.unit} }}"
+    return f"{start}{yaml_name(name)}: {{ column: {yaml_name(signal.column)},{gain} unit: {signal.unit} }}"
 
 
 def _write_unused(page: _Page, mapping: ColumnMapping, table: DataTable) -> None:
@@ -361,14 +333,14 @@ def _write_logs(page: _Page, mapping: ColumnMapping, sources: Sequence[LogSource
 
 def _log_lines(source: LogSource, folder: Path) -> Iterator[str]:
     if list(source.files) == [""]:
-        yield f"  - file: {_yaml_name(relative(source.files[''], folder))}"
+        yield f"  - file: {yaml_name(relative(source.files[''], folder))}"
     else:
         yield "  - file:"
         yield from (
-            f"      {_yaml_name(key)}: {_yaml_name(relative(path, folder))}" for key, path in source.files.items()
+            f"      {yaml_name(key)}: {yaml_name(relative(path, folder))}" for key, path in source.files.items()
         )
     if source.widths:
-        widths = ", ".join(f"{_yaml_name(key)}: {width}" for key, width in source.widths.items())
+        widths = ", ".join(f"{yaml_name(key)}: {width}" for key, width in source.widths.items())
         yield f"    width: {{ {widths} }}  # one number per line; this many form a row"
 
 
@@ -398,10 +370,3 @@ def _times_and_positions(mapping: ColumnMapping, table: DataTable) -> Array:
     rows = rows[(np.abs(rows) < _MAX_MEASURED_VALUE).all(axis=1)]
     rows[:, 0] *= UNITS["time"][mapping.time.unit]
     return rows
-
-
-def _yaml_name(name: str) -> str:
-    """Return a name as a YAML scalar, quoted where YAML would read it as another type."""
-    if _PLAIN_NAME.fullmatch(name) and isinstance(yaml.safe_load(name), str):
-        return name
-    return yaml.safe_dump(name, default_style='"', allow_unicode=True, width=math.inf).strip()

@@ -1,9 +1,9 @@
-"""Draft of the position servos of a robot whose logs have commands and positions, and no torque."""
+"""Draft of the servos of a robot whose logs have commands and positions, and no torque."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +13,7 @@ import numpy as np
 from dynident.apps.init.match import Match, MovableJoint
 from dynident.files.tables import DataTable
 from dynident.files.xml_text import SUFFIXES
+from dynident.files.yaml_text import yaml_name
 from dynident.project.columns import is_commanded, read_name
 from dynident.project.config import robot_text
 from dynident.runtime import DynidentError
@@ -100,9 +101,9 @@ def _servo(actuator: object, effort: float | None, torque_unit: str) -> ServoPro
 
 
 def servo_section(
-    servos: Mapping[str, ServoProposal], commands: Mapping[str, ChannelProposal], quote: Callable[[str], str]
+    servos: Mapping[str, ServoProposal], commands: Mapping[str, ChannelProposal]
 ) -> tuple[list[str], list[str]]:
-    """Return the lines of `simulation` in a draft, and the joints whose kp has to be asked for; ``quote`` for YAML."""
+    """Return the lines of `simulation` in a draft, and the joints whose kp has to be asked for."""
     lines = [
         "",
         "simulation:  # no torque was recorded: the servos are simulated in MuJoCo, driven by the commands",
@@ -113,7 +114,7 @@ def servo_section(
     ]
     for name, channel in commands.items():
         servo, wraps = servos[name], f" wraps: {channel.wraps!r}," if channel.wraps else ""
-        column, reason = quote(str(channel.column)), ""
+        column, reason = yaml_name(str(channel.column)), ""
         if servo.torque_unit:
             gain = f" gain: {servo.gear:.6g}," if servo.gear != 1 else ""
             text, reason = f"command: {{ column: {column},{gain} unit: {servo.torque_unit} }}", "a torque, "
@@ -124,5 +125,5 @@ def servo_section(
         text += f", limit: {servo.limit:.6g}" if servo.limit else ""
         if servo.actuator and (servo.torque_unit or servo.kp is not None):
             reason = f"  # {reason}of the actuator {servo.actuator!r}"
-        lines.append(f"    {quote(name)}: {{ {text} }}{reason}")
+        lines.append(f"    {yaml_name(name)}: {{ {text} }}{reason}")
     return lines, [name for name in commands if servos[name].kp is None and not servos[name].torque_unit]

@@ -17,8 +17,8 @@ from dynident.apps.servo.values import ServoValues
 from dynident.runtime import Noun, report_progress
 
 Array = NDArray[np.float64]
-TRIAL = 0.01  # rad, of the gap whose effect is looked for
-MIN_SIZE, MAX_SIZE = 2e-3, 0.3  # rad: what is smaller is not told from other errors
+TRIAL = 0.01  # rad or m, of the gap whose effect is looked for
+MIN_SIZE, MAX_SIZE = 2e-3, 0.3  # rad or m: what is smaller is not told from other errors
 MIN_GAIN = 0.03  # share of the squared error that a gap must explain
 MIN_SCORE = 1.0  # standard errors of its score: a gap that is crossed once or twice has hardly more
 MIN_NOISE_RATIO = 1.1  # of residuals to noise, below which there is nothing to explain
@@ -30,7 +30,7 @@ STEPS = 2  # of all sizes together, once the joints are chosen
 
 
 class Backlash(Noun):
-    """A gap at joint ``k``, its ``size`` (rad), and whether positions are measured behind it (``output``)."""
+    """A gap at joint ``k``, its ``size`` (rad, m), and whether positions are measured behind it (``output``)."""
 
     k: int
     size: float

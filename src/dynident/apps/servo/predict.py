@@ -14,7 +14,7 @@ from dynident.apps.servo.values import Entry, Quantity
 from dynident.models import Joint
 from dynident.project.logs import log_spec
 from dynident.project.project import parse_project
-from dynident.project.result_format import SERVO_FORMAT
+from dynident.project.result_format import SERVO_FORMAT, SERVO_VERSION
 from dynident.project.saved import result_values
 from dynident.runtime import InputError, report_progress
 
@@ -39,19 +39,24 @@ def predict_servos(path: Path, names: Sequence[str], *, allow_code: bool = False
     """
     data = result_values(path)
     try:
-        rows, source, folder = data["parameters"], data["configuration"], Path(data["configuration"]["path"])
-        entries = {(row["quantity"], row["joint"]): float(row["value"]) for row in rows}
-        digests = dict(data["files"])
-        held = bool(data["commands_held"])
+        joints = list(map(str, data["joints"]))
+        values_by_entry = {
+            Entry(Quantity(row["quantity"]), joints.index(row["joint"]) if row["joint"] else 0): float(row["value"])
+            for row in data["parameters"]
+        }
+        text, place = str(data["configuration"]["text"]), Path(data["configuration"]["path"])
+        digests, held = dict(data["files"]), bool(data["commands_held"])
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: is no result of servos ({SERVO_FORMAT}): {error}") from error
-    project = parse_project(source["text"], folder, allow_code=allow_code)
+        raise InputError(f"{path}: is no result of servos ({SERVO_FORMAT}): {error!r}.") from error
+    if data.get("version") != SERVO_VERSION:
+        raise InputError(f"{path}: is of version {data.get('version')}; {SERVO_VERSION} is read. Identify again.")
+    project = parse_project(text, place, allow_code=allow_code)
     specs = tuple(log_spec(name, project.config) for name in names)
     project = replace(project, config=project.config.model_copy(update={"train": specs, "validation": ()}))
     arm = load_servos(project)
-    joints = [joint.name for joint in project.model.joints]
-    keys = [Entry(Quantity(quantity), 0 if joint is None else joints.index(joint)) for quantity, joint in entries]
-    values = arm.nominal.changed(keys, list(entries.values()))
+    if joints != [joint.name for joint in project.model.joints]:
+        raise InputError(f"{path}: {', '.join(joints)} are not the joints of the robot file; identify again.")
+    values = arm.nominal.changed(list(values_by_entry), list(values_by_entry.values()))
     logs, warnings = read_servo_logs(project)
     file = project.sources.model
     if file is not None and digests.get(file.path) != file.sha256:
@@ -59,11 +64,8 @@ def predict_servos(path: Path, names: Sequence[str], *, allow_code: bool = False
     rollouts = []
     for log in logs["train"]:
         report_progress(f"simulating {log.name}")
-        motion = smooth_servo_log(log)
-        nominal = replace(arm.nominal, kp=values.kp, delay=values.delay)
-        rollouts.append(
-            roll_out(arm.plant, motion if held else interpolate_commands(motion), "predict", values, nominal)
-        )
+        motion = smooth_servo_log(log) if held else interpolate_commands(smooth_servo_log(log))
+        rollouts.append(roll_out(arm.plant, motion, "predict", values, arm.beside(values)))
     return ServoPrediction(project.model.joints, tuple(rollouts), tuple(warnings))
 
 

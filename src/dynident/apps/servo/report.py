@@ -12,7 +12,7 @@ from dynident.apps.servo.judge import ServoRollout, ServoUse
 from dynident.apps.servo.predict import ServoPrediction
 from dynident.apps.servo.run import ServoIdentification, entry_name
 from dynident.apps.servo.values import FRICTION, Entry, Quantity
-from dynident.project.result_format import SERVO_FORMAT
+from dynident.project.result_format import SERVO_FORMAT, SERVO_VERSION
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, INK, curve, panels
 from dynident.report.page import UNIT, Badge, Column, Facts, Figure, Fold, Gallery, PageSection, PageTable, render
@@ -36,7 +36,8 @@ def verdict_words(result: ServoIdentification) -> str:
     held_out = [rollout for rollout in result.rollouts if rollout.role == "validation"]
     if result.use is None:
         return f"{NOT_JUDGED[0].upper()}{NOT_JUDGED[1:]}."
-    largest = {name: max(_largest(getattr(r, name)) for r in held_out) for name in ("error", "nominal_error", "noise")}
+    names = ("error", "nominal_error", "noise")
+    largest = {name: max(float(getattr(r, name).max()) for r in held_out) for name in names}
     joint_names = ", ".join(result.joints[gap.k].name for gap in result.backlash)
     words = {name: number(1e3 * value, 2) for name, value in largest.items()}
     return (
@@ -44,10 +45,6 @@ def verdict_words(result: ServoIdentification) -> str:
         f"measured positions, {words['nominal_error']} with the values of the robot file; the noise of the positions "
         f"is {words['noise']}." + ("" if not result.backlash else f" Backlash of {joint_names} is not in the model.")
     )
-
-
-def _largest(x: Array) -> float:
-    return float(np.max(x))
 
 
 def rows_of(result: ServoIdentification) -> Iterator[tuple[Entry, float, float, float]]:
@@ -118,10 +115,10 @@ def servo_page(result: ServoIdentification) -> str:
     views = tuple(
         (
             (f"{r.log.name} ({r.role})", joint.name),
-            (Figure(_drawing(r, k), "The command acts late."),),
+            (Figure(_drawing(r, k, is_torque), "" if is_torque else "The command acts late."),),
         )
         for r in sorted(result.rollouts, key=lambda r: r.role != "validation")
-        for k, joint in enumerate(result.joints)
+        for k, (joint, is_torque) in enumerate(zip(result.joints, fit.values.takes_torque.tolist(), strict=True))
     )
     notes = (*suspect_lines(result), *result.warnings)
     method = (
@@ -140,15 +137,14 @@ def servo_page(result: ServoIdentification) -> str:
     return render(f"Servos of {result.name}", lead, sections)
 
 
-def _drawing(rollout: ServoRollout, k: int) -> Drawing:
-    """Draw a joint's rollout beside its positions and commands, and the errors below."""
+def _drawing(rollout: ServoRollout, k: int, is_torque: bool) -> Drawing:
+    """Draw a joint's rollout beside its positions, and commands unless these are torques, and the errors below."""
     log = rollout.log
     t = log.t - log.t[0]
     figure = panels(["position, rad or m", "error, mrad or mm"], 420, heights=[2.0, 1.0])
-    command = np.interp(log.t, log.sent, log.command[:, k])
-    for series, name, colour in (
-        (command, "command", AMBER), (log.q[:, k], "measured", INK), (rollout.simulated[:, k], "simulated", BLUE),
-    ):  # fmt: skip
+    lines = [(log.q[:, k], "measured", INK), (rollout.simulated[:, k], "simulated", BLUE)]
+    lines[:0] = [] if is_torque else [(np.interp(log.t, log.sent, log.command[:, k]), "command", AMBER)]
+    for series, name, colour in lines:
         figure.add(curve(t, series, name, {"color": colour, "width": 1.5}, 600))
     difference = 1e3 * (rollout.simulated[:, k] - log.q[:, k])
     figure.add(curve(t, difference, "simulated less measured", {"color": BLUE, "width": 1}, 600), 2)
@@ -173,7 +169,7 @@ def servo_dict(result: ServoIdentification) -> dict[str, Any]:
         for r in result.rollouts
     ]  # fmt: skip
     return {
-        "format": SERVO_FORMAT, "version": 1,
+        "format": SERVO_FORMAT, "version": SERVO_VERSION,
         "robot": result.name, "use": None if result.use is None else str(result.use),
         "joints": [joint.name for joint in result.joints], "parameters": rows, "rollouts": rollouts,
         "backlash": [

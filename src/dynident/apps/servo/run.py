@@ -35,9 +35,8 @@ class ServoIdentification(Noun):
     """The identified model of a servo arm: the ``fit``, the values of the ``nominal`` file, and what they are worth.
 
     ``suspects`` were given, but contradict the log, and are fitted too; ``backlash`` is what a joint has and the model
-    has not. ``mjcf`` is the robot file with the fitted
-    values, whose rollout is ``difference`` (rad, m) from that of the fit. ``hashes`` are the SHA-256 of all files read;
-    commands are ``held``, else interpolated.
+    has not. ``mjcf`` is the robot file with the fitted values, whose rollout is ``difference`` (rad, m) from that of
+    the fit. ``hashes`` are the SHA-256 of all files read; commands are ``held``, else interpolated.
     """
 
     name: str
@@ -72,6 +71,11 @@ class ServoArm:
     text: str
     plant: ServoPlant
     nominal: ServoValues
+
+    def beside(self, values: ServoValues) -> ServoValues:
+        """Return the file's values to compare with: with the delay that was found, and the kp that it does not say."""
+        kp = np.where(np.isnan(self.nominal.kp), values.kp, self.nominal.kp)
+        return replace(self.nominal, delay=values.delay, kp=kp)
 
     def with_gaps(self, ks: Sequence[int]) -> ServoPlant:
         """Return the plant with gaps behind some joints."""
@@ -112,8 +116,7 @@ def identify_servo(project: Project) -> ServoIdentification:
     if not held and settings.commands == "estimate":
         warnings.append("commands are interpolated: so the positions are explained better than if each is held.")
     report_progress("simulating all recordings")
-    kp = np.where(np.isnan(nominal.kp), fit.values.kp, nominal.kp)  # of a file that says nothing of it
-    before = replace(nominal, delay=fit.values.delay, kp=kp)
+    before = arm.beside(fit.values)
     rollouts = tuple(roll_out(plant, motion, role, fit.values, before) for role in motions for motion in motions[role])
     mjcf = write_mjcf(arm.text, plant, fit.values)
     difference = rollout_difference(arm.robot, mjcf, plant, fit.values, motions["train"][0].log, arm.source)
@@ -123,20 +126,9 @@ def identify_servo(project: Project) -> ServoIdentification:
     files = [file for file in (project.sources.configuration, project.sources.model, *log_files(config)) if file]
     hashes = {file.path: file.sha256 for file in files}
     return ServoIdentification(
-        project.model.name,
-        joints,
-        fit,
-        before,
-        suspects,
-        gaps,
-        rollouts,
-        mjcf,
-        difference,
-        tuple(warnings),
-        hashes,
-        project.sources.configuration,
-        held,
-    )
+        project.model.name, joints, fit, before, suspects, gaps, rollouts, mjcf, difference, tuple(warnings), hashes,
+        project.sources.configuration, held,
+    )  # fmt: skip
 
 
 def nominal_values(plant: ServoPlant, settings: ServoSettings) -> ServoValues:
@@ -294,10 +286,8 @@ def _servo_logs(
         reading = read_unchecked(spec, config, joints, read_recording, torque=False)
         full = spec.model_copy(update={"window": (), "exclude": ()})
         pieces = read_unchecked(full, command_config, joints, read_recording, torque=False).logs
-        t, command = (
-            np.concatenate([piece.t for piece in pieces]),
-            np.vstack([np.where(takes_torque, piece.tau, piece.q) for piece in pieces]),
-        )
+        t = np.concatenate([piece.t for piece in pieces])
+        command = np.vstack([np.where(takes_torque, piece.tau, piece.q) for piece in pieces])
         warnings += reading.warnings
         for log in reading.logs:
             kinds = {joint.name: joint.kind for joint in joints}

@@ -1,4 +1,4 @@
-"""What is sought of an arm of position servos: values by joint, and the entries of them that a fit moves."""
+"""What is sought of an arm of servos: values by joint, and the entries of them that a fit moves."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Quantity(StrEnum):
 
     @property
     def positive(self) -> bool:
-        """Whether it is above zero, so that its logarithm is sought."""
+        """Whether it is above zero, so that its steps are relative."""
         return self not in (Quantity.OFFSET, Quantity.COMMAND_OFFSET, Quantity.DELAY)
 
 

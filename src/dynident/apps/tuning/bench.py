@@ -73,13 +73,7 @@ class Bench:
 
     @classmethod
     def of(
-        cls,
-        model: Model,
-        logs: Logs,
-        identification: Identification,
-        *,
-        switchable: bool = True,
-        estimator: str = "",
+        cls, model: Model, logs: Logs, identification: Identification, *, switchable: bool = True, estimator: str = ""
     ) -> Bench:
         """Return the bench of a model as a configuration builds it (terms that are chosen are not in it, its base is
         level), logs by role and name as they are read, and their identification.
@@ -101,11 +95,7 @@ class Bench:
             role: {name: log.include_all() for name, log in by_name.items()} for role, by_name in read_logs.items()
         }
         return cls(
-            switches,
-            full_logs,
-            identification,
-            start_of(identification, switches.start, read_logs, kind),
-            estimators,
+            switches, full_logs, identification, start_of(identification, switches.start, read_logs, kind), estimators
         )
 
     @cached_property

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import PurePath
 from typing import Any, ClassVar
 
@@ -84,37 +84,38 @@ class Drake(RobotFile):
 
     def write(self, identified: IdentifiedModel) -> ExportText:
         """Return the URDF."""
-        bodies, joint_drives, shares, notes = robot_content(identified, "urdf", armature=True)
-        text = urdf_text(bodies, joint_drives, shares)
-        text.set(text.root, {"xmlns:drake": DRAKE_NAMESPACE})
-        transmissions = {
-            child.attributes.get("name"): node
-            for node in text.root.children
-            if node.tag == "transmission"
-            for child in node.children
-            if child.tag == "joint"
-        }
-        for joint in bodies.joints:
-            name = joint.name
-            lines = _drake_lines(joint_drives.armature.get(name, 0.0), identified.servos.get(name, Servo()))
-            _set_transmission(text, transmissions.get(name), name, lines)
-        comment = [*range_comment(ranges(identified, joint_drives))]
-        if comment:
-            text.insert(text.root, *comment)
-        friction = [
-            note
-            for term, values in identified.parts
-            if isinstance(term, Coulomb)
-            for note in omission_notes(term, values)
-        ]
-        gravity = [f"gravity {bodies.gravity} m/s^2 in the frame of the root link: set it in the plant"]
-        return ExportText(str(text), (*joint_drives.left_out, *friction), (*notes, *gravity))
+        made = _drake_urdf(identified)
+        gravity = f"gravity {identified.bodies[0].gravity} m/s^2 in the frame of the root link: set it in the plant"
+        return replace(made, notes=(*made.notes, gravity))
 
     def torque(self, identified: IdentifiedModel, states: States) -> Array:
         """Return the torque of bodies, damping and rotor inertia: Drake has no dry friction of joints."""
         dry = drives(place_values(identified, armature=True), armature=True).friction
         friction = np.array([dry.get(joint.name, 0.0) for joint in identified.bodies[0].joints])
         return np.asarray(drives_torque(identified, states, armature=True) - friction * np.sign(states[1]))
+
+
+def _drake_urdf(identified: IdentifiedModel) -> ExportText:
+    """Return the URDF for Drake, without a word of gravity."""
+    bodies, joint_drives, shares, notes = robot_content(identified, "urdf", armature=True)
+    text = urdf_text(bodies, joint_drives, shares)
+    text.set(text.root, {"xmlns:drake": DRAKE_NAMESPACE})
+    transmissions = {
+        child.attributes.get("name"): node
+        for node in text.root.children
+        if node.tag == "transmission"
+        for child in node.children
+        if child.tag == "joint"
+    }
+    for joint in bodies.joints:
+        name = joint.name
+        lines = _drake_lines(joint_drives.armature.get(name, 0.0), identified.servos.get(name, Servo()))
+        _set_transmission(text, transmissions.get(name), name, lines)
+    if comment := [*range_comment(ranges(identified, joint_drives))]:
+        text.insert(text.root, *comment)
+    dry = ((term, values) for term, values in identified.parts if isinstance(term, Coulomb))
+    friction = (note for term, values in dry for note in omission_notes(term, values))
+    return ExportText(str(text), (*joint_drives.left_out, *friction), tuple(notes))
 
 
 def torque_by_directives(text: str, identified: IdentifiedModel, states: States) -> Array:
@@ -125,7 +126,7 @@ def torque_by_directives(text: str, identified: IdentifiedModel, states: States)
     down = Rotation.from_euler("xyz", angles).inv().apply([0.0, 0.0, -np.linalg.norm(bodies.gravity)])
     if not np.allclose(down, bodies.gravity, atol=1e-9) or weld["add_weld"]["child"] != _drake_root(bodies):
         raise DynidentError("gravity differs")
-    return Drake.readers["dynident"](Drake().write(identified).text, identified, states)
+    return Drake.readers["dynident"](_drake_urdf(identified).text, identified, states)
 
 
 class _Directives(yaml.SafeLoader):
@@ -156,7 +157,7 @@ class DrakeDirectives:
 
     def write(self, identified: IdentifiedModel) -> ExportText:
         """Return the directives, in which names are quoted."""
-        bodies, urdf, name = identified.bodies[0], Drake().write(identified), Drake().file(identified)
+        bodies, urdf, name = identified.bodies[0], _drake_urdf(identified), Drake().file(identified)
         w, *axis = _upright(bodies.gravity)
         angles = np.degrees(Rotation.from_quat([*axis, w]).as_euler("xyz")).tolist()
         lines = [
@@ -167,10 +168,9 @@ class DrakeDirectives:
         ]
         size = float(np.linalg.norm(bodies.gravity))
         world = [] if abs(size - EARTH) < 1e-6 else [f"gravity of {size:g} m/s^2: set it in the plant"]
-        notes = [note for note in urdf.notes if not note.startswith("gravity ")]
         beside = f"it names {name}, which is written beside it by --format drake, in a package {DRAKE_PACKAGE!r}: "
         beside += f"parser.package_map().Add({DRAKE_PACKAGE!r}, folder)"
-        return ExportText("\n".join(lines) + "\n", urdf.left_out, (*notes, *world, beside))
+        return ExportText("\n".join(lines) + "\n", urdf.left_out, (*urdf.notes, *world, beside))
 
     def torque(self, identified: IdentifiedModel, states: States) -> Array:
         """Return the torque of the URDF for Drake."""

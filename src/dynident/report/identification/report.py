@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
 from dynident.files.meshes import result_geometry, rods_for
 from dynident.files.results import json_text
 from dynident.identification import Remedy, judge
 from dynident.identification.links import rigid_bodies
-from dynident.identification.verdict import NAMED_REASONS, ForbiddingFindings
+from dynident.identification.verdict import NAMED_REASONS
+from dynident.identification.verdict_reasons import ForbiddingFindings
 from dynident.identification.verdict_steps import CheckRipple, Cover, Sharpen, SlowReversals
 from dynident.project.saved import result_data
 from dynident.regression import UnexcitedParameters
@@ -20,6 +19,7 @@ from dynident.report.equations import model_section
 from dynident.report.figures import clock
 from dynident.report.identification.data import data_section, pieces_section, repeat_section, smoothing_section
 from dynident.report.identification.figures import glance_figure
+from dynident.report.identification.head import head_numbers, worst_joint
 from dynident.report.identification.parameters import (
     MAX_WARNING_LENGTH,
     link_section,
@@ -46,146 +46,20 @@ from dynident.report.identification.validation import (
 from dynident.report.page import Badge, Beside, Facts, Figure, Fold, PageBlock, PageSection, PageTable, render
 from dynident.report.words import ROLES, Line, day, label_of, logs_of, note_lines
 from dynident.runtime import Severity, Use, count, join_names, number, place_and_text
-from dynident.validation import FloorOrigin, residual_text
+from dynident.validation import residual_text
 
 if TYPE_CHECKING:
     from dynident.identification import Identification, Verdict
     from dynident.models import Geometry
     from dynident.project.export import Export
     from dynident.runtime import Finding
-    from dynident.validation import LogValidation
 
 TONES: dict[Use, Literal["good", "fair", "bad"]] = {Use.SIMULATION: "good", Use.CONTROL: "good", Use.DO_NOT_USE: "bad"}
 STYLES = {use: "red" if tone == "bad" else "green" for use, tone in TONES.items()}  # in a terminal
 HEAD_SENTENCES = 3  # above the numbers
 MAX_OPEN_STEPS = 3  # in sight; the others are behind a fold
 MAX_TERMINAL_STEPS = 5  # besides remedies, in a terminal; the report has all
-
-
 MAX_FINDINGS = 5  # findings of the checks in a terminal
-MAX_LISTED = 3  # logs in a line
-
-
-def head_numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
-    """Yield the numbers at the head of the report.
-
-    They are the error over what the sensors allow where that is known, the held-out error, its worst joint, and
-    the free simulation or the error relative to the effort limit. Of a single joint the latter is the third.
-    """
-    held_out, train = logs_of(identification, "validation"), logs_of(identification, "train")
-    logs, role_word = (held_out, "held out") if held_out else (train, "training")
-    log = max(logs, key=_judged_error)
-    yield from _floor_ratio(log)
-    *numbers, note = _torque_error(held_out, train)
-    yield *numbers, note + "; the noise of the sensors is not known" * (log.over_floor is None)
-    worst = worst_joint(identification)
-    if worst is None:
-        return
-    log, joint = worst
-    size = _joint_errors(log)[joint]
-    weight = _effort_share(identification, logs, role_word)
-    # A single joint is not named as the worst: the error relative to its effort limit takes the place
-    if len(identification.model.joints) > 1:
-        rms = f"{_as_measured(log, joint)}rms {_rms(identification, log, joint)}"
-        yield f"{number(size, 3)} %", f"worst joint{_low_pass_words(log)}, {role_word}", f"{joint}, {rms}"
-        yield _simulation_error(identification) if identification.runs else weight
-    else:
-        yield weight
-        if identification.runs:
-            yield _simulation_error(identification)
-
-
-def worst_joint(identification: Identification) -> tuple[LogValidation, str] | None:
-    """Return the joint with the largest relative error and its log, a held-out one where there is any."""
-    logs = logs_of(identification, "validation") or logs_of(identification, "train")
-    worst = _largest([((log, joint), size) for log in logs for joint, size in _joint_errors(log).items()])
-    return None if worst is None else worst[0]
-
-
-def _floor_ratio(log: LogValidation) -> Iterator[tuple[str, ...]]:
-    """Yield the error on a log over what the sensors allow, and how that is known."""
-    if log.over_floor is None:
-        return
-    white = any(floor.origin is FloorOrigin.WHITE for floor in log.floors.values())
-    coverage = f"; {len(log.floors)} of {len(log.errors.rmse)} joints" * (len(log.floors) < len(log.errors.rmse))
-    how = "at most, by white noise alone" if white else "by motion that repeats"
-    yield (
-        f"{number(log.over_floor, 3 if log.over_floor < 1.5 else 2)} ×",
-        "error relative to sensor noise",
-        "at the noise floor" if log.at_floor else f"{how}{coverage}",
-    )
-
-
-def _torque_error(held_out: list[LogValidation], train: list[LogValidation]) -> tuple[str, ...]:
-    trained = max(map(_judged_error, train))
-    if not held_out:
-        return "-", "torque error, held out", f"no log was held out; training {number(trained, 3)} %"
-    log = max(held_out, key=_judged_error)
-    low_pass, note = _low_pass_words(log), f"training {number(trained, 3)} %"
-    note += f"; as measured {number(log.errors.relative_error, 3)} %" * bool(low_pass)
-    return f"{number(_judged_error(log), 3)} %", f"torque error{low_pass}, held out", note
-
-
-def _simulation_error(identification: Identification) -> tuple[str, ...]:
-    title = "position error, free simulation"
-    if failed := [run for run in identification.runs if run.failure]:
-        return "fails", title, f"{failed[0].name}: {failed[0].failure}"
-    errors = [((run, joint), size) for run in identification.runs for joint, size in run.motion_error.items()]
-    worst = _largest(errors)
-    if worst is None:
-        return "-", title, "nothing moved"
-    (run, joint), size = worst
-    how = "in the controller's loop" if run.restart is None else f"within {run.restart:g} s of the measured torque"
-    return f"{number(size, 2)} %", title, f"of the motion of {joint} ({run.name}), {how}"
-
-
-def _effort_share(identification: Identification, logs: list[LogValidation], role_word: str) -> tuple[str, ...]:
-    """Return the largest rms error in % of the joint's effort limit, or in its unit where no limit is known."""
-    worst = _largest([((log, joint), size) for log in logs for joint, size in log.errors.effort_share.items()])
-    if worst is not None:
-        (log, joint), size = worst
-        limit = number(identification.model.limits[joint].effort, 3)
-        return (
-            f"{number(size, 2)} %",
-            f"rms of effort limit, {role_word}",
-            f"{joint}: {_rms(identification, log, joint)} of {limit}",
-        )
-    worst = _largest([((log, joint), size) for log in logs for joint, size in log.errors.rmse.items()])
-    if worst is None:
-        return "-", f"largest rms error, {role_word}"
-    (log, joint), _ = worst
-    return _rms(identification, log, joint), f"largest rms error, {role_word}", f"{joint}, {log.name}"
-
-
-def _largest(sizes: list[tuple[Any, float]]) -> tuple[Any, float] | None:
-    """Return the entry with the largest size, and the size; None where there is none."""
-    finite = [pair for pair in sizes if not np.isnan(pair[1])]
-    return max(finite, key=lambda pair: pair[1]) if finite else None
-
-
-def _rms(identification: Identification, log: LogValidation, joint: str) -> str:
-    unit = next(candidate.effort for candidate in identification.model.joints if candidate.name == joint)
-    return f"{number(log.errors.rmse[joint], 3)} {unit}"
-
-
-def _judged_error(log: LogValidation) -> float:
-    """Return the error that the verdict judges: after the low-pass of the fit, where one is used."""
-    errors = log.errors
-    return errors.relative_error if errors.relative_error_filtered is None else errors.relative_error_filtered
-
-
-def _low_pass_words(log: LogValidation) -> str:
-    """Return where the errors that are judged are taken: a title says it, as other numbers are as measured."""
-    return "" if log.errors.relative_error_filtered is None else " after the low-pass"
-
-
-def _as_measured(log: LogValidation, joint: str) -> str:
-    """Return the error of a joint as measured, to which its rms belongs, where another one is judged."""
-    return f"as measured {number(log.errors.per_joint[joint], 3)} %, " * bool(log.errors.per_joint_filtered)
-
-
-def _joint_errors(log: LogValidation) -> dict[str, float]:
-    return dict(log.errors.per_joint_filtered or log.errors.per_joint)
 
 
 def verdict_text(identification: Identification, sentences: int | None = HEAD_SENTENCES) -> str:
@@ -201,19 +75,6 @@ def next_step_texts(identification: Identification) -> tuple[str, ...]:
     return (*steps, *((f"{len(omitted)} more, which the report lists.",) if omitted else ()))
 
 
-def summary_lines(identification: Identification) -> Iterator[str]:
-    """Yield the torque errors of training and held-out logs, unfiltered, and the worst joint."""
-    for role, word in ROLES.items():
-        if logs := logs_of(identification, role):
-            errors = (f"{log.name} {number(log.errors.relative_error, 3)} %" for log in logs)
-            yield f"Torque error, {word}: {join_names(errors, MAX_LISTED)}"
-    if len(identification.model.joints) > 1 and (worst := worst_joint(identification)) is not None:
-        log, joint = worst
-        judged = f" ({number(_joint_errors(log)[joint], 3)} % after the low-pass)" * bool(log.errors.per_joint_filtered)
-        size = f"{number(log.errors.per_joint[joint], 3)} % on {log.name}{judged}"
-        yield f"Worst joint: {joint}, {size}, rms {_rms(identification, log, joint)}"
-
-
 def verdict_section(
     identification: Identification, exports: Sequence[Export] = (), arm: Figure | None = None
 ) -> PageSection:
@@ -224,10 +85,8 @@ def verdict_section(
     texts = verdict.sentences()
     numbers = Facts(tuple(head_numbers(identification)), large=True)
     pictures: tuple[PageBlock, ...] = (*filter(None, (arm,)), *_worst_joint_figure(identification))
-    is_named = all(reason in texts[1] for reason in reasons)
-    fold = (
-        () if is_named else (Fold(f"All {len(reasons)} reasons" if reasons[1:] else "The reason in full", (reasons,)),)
-    )
+    title = f"All {len(reasons)} reasons" if reasons[1:] else "The reason in full"
+    fold = () if verdict.names_all else (Fold(title, (reasons,)),)
     head: tuple[PageBlock, ...] = (*texts[:2], *fold, *texts[2:HEAD_SENTENCES], numbers, *export_links(exports))
     blocks: list[PageBlock] = list((Beside(head, pictures, "left"),) if pictures else head)
     if steps:
@@ -338,10 +197,7 @@ def identification_tables(identification: Identification) -> list[PageTable]:
 
 
 # what designs the motion of a step, by the options of `dynident excite`
-_DESIGNED_STEPS = {
-    "": (Sharpen, Cover, UnexcitedParameters),
-    " --program friction": (SlowReversals, CheckRipple),
-}
+_DESIGNED_STEPS = {"": (Sharpen, Cover, UnexcitedParameters), " --program friction": (SlowReversals, CheckRipple)}
 _DESIGNED_REMEDIES = (Remedy.EXCITE, Remedy.LONGER_TRAINING, Remedy.ANOTHER_MOTION)
 
 

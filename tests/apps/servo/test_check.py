@@ -61,6 +61,25 @@ def test_what_is_wrong_with_a_log_is_said(config, folder) -> None:
         assert code == (severity == "error")
 
 
+def test_commands_that_positions_do_not_follow_are_named(config, folder) -> None:
+    table, degrees = pl.read_csv("monday.csv"), 180 / np.pi
+    later = [pl.col(f"pos_{joint}").shift(-10).forward_fill() for joint in ("base", "shoulder", "elbow")]
+    cases = {
+        "swapped": (table.rename({"cmd_base": "cmd_elbow", "cmd_elbow": "cmd_base"}), "it follows that of 'elbow'"),
+        "degrees": (table.with_columns(pl.col("cmd_base") * degrees), "the command spans 55.8 times"),
+        "turned": (table.with_columns(-pl.col("cmd_base")), "goes against its command"),
+        "constant": (table.with_columns(cmd_base=pl.lit(0.1)), "its command hardly changes"),
+        "early": (table.with_columns(later), "ms before their commands"),
+        "clocks": (table.with_columns(later), "are both stamped by one clock?"),
+        "missing": (table.drop("cmd_base"), "simulation.joints.base.command: no column 'cmd_base'"),
+    }
+    for name, (data, words) in cases.items():
+        data.write_csv("wrong.csv")
+        (folder / "wrong.yaml").write_text(config.replace("monday.csv", "wrong.csv"))
+        _, found = messages("wrong.yaml")
+        assert any(words in text for _, text, _ in found), (name, found)
+
+
 def test_a_rollout_of_another_recording_is_that_of_the_report(config, folder) -> None:
     assert run("identify", "arm.yaml", "--out", "out").exit_code == 0
     done = run("predict", "out/servo.json", "tuesday.csv", "--out", "positions.csv")

@@ -6,6 +6,7 @@ import json
 import sys
 
 import mujoco
+import polars as pl
 import pytest
 
 from dynident.apps.demo import TRUE_DELAY, TRUE_VALUES, servo_files
@@ -73,3 +74,15 @@ def test_the_demo_shows_how_far_it_is_from_the_truth(tmp_path) -> None:
     done = run("demo", "--servo", "--files", "--out", str(tmp_path / "arm"))
     assert done.exit_code == 0, done.output
     assert sorted(path.name for path in (tmp_path / "arm").iterdir()) == ["monday.csv", "servos.xml", "tuesday.csv"]
+
+
+def test_positions_before_their_commands_are_a_warning(folder, monkeypatch) -> None:
+    # without damping the digits of the written values grow in the simulation that proves them
+    monkeypatch.chdir(folder)
+    table = pl.read_csv("monday.csv")
+    columns = [pl.col(name).shift(-10).forward_fill() for name in table.columns if name.startswith("pos")]
+    table.with_columns(columns).write_csv("early.csv")
+    run("init", "servos.xml", "early.csv", "-o", "early.yaml", "--force")
+    done = run("identify", "early.yaml")
+    assert done.exit_code == 0, done.output
+    assert "ms before their commands" in " ".join(done.output.split())

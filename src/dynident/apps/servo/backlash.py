@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.servo.fit import SETTLING, ServoFit, joint_scale
-from dynident.apps.servo.plant import ServoLog, ServoPlant, import_mujoco, sample_path
+from dynident.apps.servo.plant import ServoLog, ServoPlant, ignore_divergence, import_mujoco, sample_path
 from dynident.apps.servo.start import SmoothLog
 from dynident.apps.servo.suspects import choose_columns
 from dynident.apps.servo.values import ServoValues
@@ -49,6 +49,7 @@ def add_gaps(spec: Any, joints: Sequence[str]) -> None:
         joint.armature = max(float(joint.armature), MIN_ROTOR)
 
 
+@ignore_divergence()
 def rollout_with_gaps(
     plant: ServoPlant, values: ServoValues, gaps: Sequence[Backlash], log: ServoLog, speeds: Array
 ) -> Array:
@@ -94,8 +95,8 @@ def find_backlash(
         moved = np.vstack(parts)
         return moved if np.isfinite(moved).all() else fit.residuals  # where it diverges, a gap explains nothing
 
-    def accepts(k: int, change: float) -> bool:  # noqa: ARG001 - a size is asked alike of all joints
-        return MIN_SIZE < change < MAX_SIZE
+    def accepts(k: int, change: float) -> bool:  # a gap moves nothing further than its size
+        return max(MIN_SIZE, float(fit.scale[k])) < change < MAX_SIZE
 
     best, best_gain = tuple[Backlash, ...](), 0.0
     step, scale = float(np.median(np.diff(motions[0].log.t))), joint_scale(fit.residuals)

@@ -88,5 +88,15 @@ def test_a_rollout_of_another_recording_is_that_of_the_report(config, folder) ->
     result = json.loads((folder / "out" / "servo.json").read_text())
     error = (table["simulated_elbow"] - table["measured_elbow"]).to_numpy()[table["t"].to_numpy() > 0.5]
     assert np.sqrt((error**2).mean()) == pytest.approx(result["rollouts"][1]["whole"][2], rel=0.01)
-    (folder / "torn.json").write_text('{"format": "dynident servos"}')
-    assert "is no result of servos" in " ".join(run("predict", "torn.json", "tuesday.csv").output.split())
+    torn = [
+        ({key: value for key, value in result.items() if key == "format"}, "is no result of servos"),
+        (result | {"parameters": [{"quantity": "mess", "joint": "elbow", "value": 1}]}, "'mess'"),
+        (result | {"parameters": [{"quantity": "damping", "joint": "tail", "value": 1}]}, "of joint 'tail'"),
+        (result | {"parameters": [{"quantity": "damping", "joint": "elbow", "value": "nan"}]}, "not finite"),
+        (result | {"configuration": result["configuration"] | {"text": 3}}, "no text"),
+    ]
+    for content, words in torn:
+        (folder / "torn.json").write_text(json.dumps(content))
+        refused = run("predict", "torn.json", "tuesday.csv")
+        assert refused.exit_code == 1, refused.output
+        assert words in " ".join(refused.output.split())

@@ -59,6 +59,10 @@ def test_torque_beside_servos_and_neither_are_refused(folder, monkeypatch) -> No
     assert "`torque` is left out" in " ".join(run("identify", "both.yaml").output.split())
     (folder / "none.yaml").write_text(text.partition("simulation:")[0] + "train: [{ file: monday.csv }]\n")
     assert "`torque` is missing" in " ".join(run("identify", "none.yaml").output.split())
+    (folder / "two.yaml").write_text("\n".join(line for line in text.splitlines() if "elbow: { command" not in line))
+    refused = run("identify", "two.yaml")
+    assert refused.exit_code == 1, refused.output
+    assert "simulation.joints" in refused.output
 
 
 def test_without_mujoco_the_extra_is_named(folder, monkeypatch) -> None:

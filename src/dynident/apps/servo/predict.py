@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,9 +41,11 @@ def predict_servos(path: Path, names: Sequence[str], *, allow_code: bool = False
     data = result_values(path)
     try:
         rows, source, folder = data["parameters"], data["configuration"], Path(data["configuration"]["path"])
-        entries = {(row["quantity"], row["joint"]): float(row["value"]) for row in rows}
+        entries = {(Quantity(row["quantity"]), row["joint"]): float(row["value"]) for row in rows}
         digests = dict(data["files"])
         held = bool(data["commands_held"])
+        if not isinstance(source["text"], str) or not all(map(isfinite, entries.values())):
+            raise ValueError("its configuration is no text, or a value is not finite")
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: is no result of servos ({SERVO_FORMAT}): {error}") from error
     project = parse_project(source["text"], folder, allow_code=allow_code)
@@ -50,7 +53,9 @@ def predict_servos(path: Path, names: Sequence[str], *, allow_code: bool = False
     project = replace(project, config=project.config.model_copy(update={"train": specs, "validation": ()}))
     arm = load_servos(project)
     joints = [joint.name for joint in project.model.joints]
-    keys = [Entry(Quantity(quantity), 0 if joint is None else joints.index(joint)) for quantity, joint in entries]
+    if unknown := [joint for _, joint in entries if joint not in (None, *joints)]:
+        raise InputError(f"{path}: has a value of joint {unknown[0]!r}, which {arm.source} has not; identify again.")
+    keys = [Entry(quantity, 0 if joint is None else joints.index(joint)) for quantity, joint in entries]
     values = arm.nominal.changed(keys, list(entries.values()))
     logs, warnings = read_servo_logs(project)
     file = project.sources.model

@@ -26,7 +26,7 @@ from dynident.project.config import model_file
 from dynident.project.drive_settings import ServoSettings
 from dynident.project.logs import read_recording, read_unchecked, turning_joints
 from dynident.project.project import Project, log_files
-from dynident.project.settings import Config, LogSpec, RobotSettings
+from dynident.project.settings import Config, LogSpec, RobotSettings, check_joints
 from dynident.runtime import ConfigError, ModelError, Noun, Severity, number, report_progress, require
 
 Array = NDArray[np.float64]
@@ -88,6 +88,7 @@ def load_servos(project: Project) -> ServoArm:
     path = model_file(robot, project.path.parent)
     if not isinstance(settings, ServoSettings) or not isinstance(robot, RobotSettings) or path is None:
         raise ConfigError("a servo arm has a robot file as its `model` and `simulation: { kind: servo }`.")
+    check_joints(project.config, project.model.joints)
     text = mjcf_text(path)
     plant = load_plant(robot, text, [joint.name for joint in project.model.joints], path.name)
     return ServoArm(robot, settings, path.name, text, plant, nominal_values(plant, settings))

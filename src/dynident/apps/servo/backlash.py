@@ -21,6 +21,7 @@ TRIAL = 0.01  # rad, of the gap whose effect is looked for
 MIN_SIZE, MAX_SIZE = 2e-3, 0.3  # rad: what is smaller is not told from other errors
 MIN_GAIN = 0.03  # share of the squared error that a gap must explain
 MIN_SCORE = 1.0  # standard errors of its score: a gap that is crossed once or twice has hardly more
+MIN_EXPLAINED = 0.3  # share of a joint's squared error that its gap takes away once it is simulated
 MIN_NOISE_RATIO = 1.1  # of residuals to noise, below which there is nothing to explain
 MIN_ROTOR = 1e-5  # kg m^2: without inertia of its own a motor in front of a gap has no motion
 GAP_DAMPING = 1e-3  # N m s, of the oil in the gap
@@ -116,4 +117,18 @@ def find_backlash(
             sizes = np.clip(sizes + change, MIN_SIZE, MAX_SIZE)
         best = tuple(Backlash(k, float(x), output) for k, x in zip(chosen, sizes, strict=True))
         best_gain = gain
-    return best
+    if not best:
+        return ()
+    # of an elastic gear, say, a gap has the sensitivity, but not the motion
+    shares = explained_shares(fit, misses(best))
+    return tuple(gap for gap in best if shares[gap.k] > MIN_EXPLAINED)
+
+
+def explained_shares(fit: ServoFit, moved: Array) -> Array:
+    """Return the share (n) of a fit's squared error by joint that other residuals (N', n) take away, once the fitted
+    entries follow."""
+    columns = fit.sensitivity.reshape(-1, fit.sensitivity.shape[-1])
+    weights = np.repeat(1 / joint_scale(fit.residuals)[None], len(moved), axis=0).ravel()
+    change = np.linalg.lstsq(columns * weights[:, None], moved.ravel() * weights, rcond=None)[0]
+    remaining = (moved.ravel() - columns @ change).reshape(moved.shape)
+    return np.asarray(1 - (remaining**2).sum(axis=0) / (fit.residuals**2).sum(axis=0))

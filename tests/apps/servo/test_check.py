@@ -9,6 +9,9 @@ import polars as pl
 import pytest
 
 from dynident.apps.demo import TRUE_DELAY, servo_files
+from dynident.apps.servo.commands import command_findings
+from dynident.apps.servo.plant import ServoLog
+from dynident.apps.servo.start import smooth_servo_log
 from tests.cli.commands import run
 
 
@@ -59,6 +62,13 @@ def test_what_is_wrong_with_a_log_is_said(config, folder) -> None:
         code, found = messages(f"{name}.yaml")
         assert any(kind == severity and words in text for kind, text, _ in found), (name, found)
         assert code == (severity == "error")
+
+
+def test_periodic_motion_is_neither_turned_nor_early() -> None:
+    t = np.arange(0.0, 6.0, 0.01)
+    q = 0.3 * np.sin(2 * np.pi * np.outer(t, (4.0, 1.0, 0.3)))
+    log = ServoLog("sine", t, q, t, 0.3 * np.sin(2 * np.pi * np.outer(t + 0.05, (4.0, 1.0, 0.3))))
+    assert not list(command_findings([smooth_servo_log(log)], ("a", "b", "c"), np.zeros(3, dtype=bool)))
 
 
 def test_commands_that_positions_do_not_follow_are_named(config, folder) -> None:

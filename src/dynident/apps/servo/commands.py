@@ -12,11 +12,12 @@ from dynident.runtime import Finding, Remark, number
 
 Array = NDArray[np.float64]
 LAGS = np.arange(-0.2, 0.4, 0.01)  # s, of positions behind commands, that are tried
+LAG_COST = 0.1  # of a correlation, per s
 MIN_CORRELATION = 0.6  # of a position with its command
 MIN_OTHER_CORRELATION = 0.9  # with that of another joint, to name it
 MAX_RATIO = 5.0  # of the spreads of commands and positions
 MIN_SPREAD = 0.01  # rad or m, of positions and, as a share of these, of commands: what stands still follows nothing
-MAX_LEAD = 0.02  # s, of positions before commands
+MAX_LEAD = 0.015  # s, of positions before commands
 MAX_LAG_DIFFERENCE = 0.06  # s, of recordings: friction and inertia make some
 
 
@@ -28,12 +29,18 @@ def command_findings(
         return
     lags = []
     for motion in motions:
-        correlations = np.array([_correlations(motion.raw, late_commands(motion, lag)) for lag in LAGS])
-        places = np.abs(np.einsum("ijj->ij", correlations)).argmax(axis=0)
-        for k in np.flatnonzero(~takes_torque & (motion.raw.std(axis=0) > MIN_SPREAD)):
-            if words := _fault(motion, int(k), correlations[places[k], k, k], np.abs(correlations[:, k]), joints):
+        correlations = np.array([_correlations(motion.raw, late_commands(motion, float(lag))) for lag in LAGS])
+        own = np.einsum("ijj->ij", correlations)
+        # periodic motion follows at several lags, of which the nearest to zero is taken
+        places = (own - LAG_COST * np.abs(LAGS)[:, None]).argmax(axis=0)
+        # a turned sign is one where no lag is right
+        places = np.where(own.max(axis=0) > MIN_CORRELATION, places, np.abs(own).argmax(axis=0))
+        best = own[places, np.arange(len(joints))]
+        for k in map(int, np.flatnonzero(~takes_torque & (motion.raw.std(axis=0) > MIN_SPREAD))):
+            if words := _fault(motion, k, float(best[k]), np.abs(correlations[:, k]), joints):
                 yield Finding(Remark(words), joint=joints[k], source=motion.log.name)
-        lags.append(float(np.median(LAGS[places[~takes_torque]])))
+        following = places[~takes_torque & (best > MIN_CORRELATION)]
+        lags.append(float(np.median(LAGS[following])) if len(following) else np.nan)
         if lags[-1] < -MAX_LEAD:
             words = (
                 f"positions are about {number(-1e3 * lags[-1], 2)} ms before their commands; are these stamped late?"

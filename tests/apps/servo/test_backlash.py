@@ -31,11 +31,13 @@ from tests.cli.commands import run
 FINE_STEP, SIZE = 5e-4, 0.02  # s, rad
 
 
-def slack_recording(seed: int, k: int, output: bool, duration: float = 8.0) -> ServoLog:
-    """The demo's arm with a gap behind the motor of joint k, simulated in finer steps than the fit has."""
+def slack_recording(seed: int, k: int, output: bool, duration: float = 8.0, stiffness: float = 0.0) -> ServoLog:
+    """The demo's arm with a gap or spring behind the motor of joint k, simulated in finer steps than the fit has."""
     t, command, _ = servo_recording(seed, duration)
     gap = f'<joint name="gap" axis="{"0 0 1" if k == 0 else "0 1 0"}" range="{-SIZE / 2} {SIZE / 2}" limited="true" '
     gap += 'solreflimit="0.002 1" solimplimit="0.99 0.999 0.001"/>'
+    if stiffness:
+        gap = f'<joint name="gap" axis="{"0 0 1" if k == 0 else "0 1 0"}" stiffness="{stiffness}" damping="0.02"/>'
     text = servo_mjcf(TRUE_VALUES).replace('timestep="0.002"', f'timestep="{FINE_STEP}"')
     head, name, tail = text.partition(f'name="{SERVO_JOINTS[k]}" axis')
     end = tail.index("/>") + 2
@@ -76,6 +78,10 @@ def test_a_gap_is_found_with_joint_size_and_side(k: int, output: bool) -> None:
 @pytest.mark.parametrize("seed", range(1, 5))
 def test_right_arms_have_none(seed: int) -> None:
     assert gaps_of(recording(seed)) == ()
+
+
+def test_a_spring_behind_a_motor_is_no_gap() -> None:
+    assert gaps_of(slack_recording(1, 1, output=False, duration=10.0, stiffness=15.0)) == ()
 
 
 def test_noise_is_no_gap() -> None:

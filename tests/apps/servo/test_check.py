@@ -11,7 +11,10 @@ import polars as pl
 import pytest
 
 from dynident.apps.demo import TRUE_DELAY, servo_files
+from dynident.apps.servo.commands import command_findings
+from dynident.apps.servo.plant import ServoLog
 from dynident.apps.servo.run import load_servos
+from dynident.apps.servo.start import smooth_servo_log
 from dynident.project.project import parse_project
 from tests.cli.commands import run
 
@@ -65,6 +68,32 @@ def test_what_is_wrong_with_a_log_is_said(config, folder) -> None:
         assert code == (severity == "error")
 
 
+def test_periodic_motion_is_neither_turned_nor_early() -> None:
+    t = np.arange(0.0, 6.0, 0.01)
+    q = 0.3 * np.sin(2 * np.pi * np.outer(t, (4.0, 1.0, 0.3)))
+    log = ServoLog("sine", t, q, t, 0.3 * np.sin(2 * np.pi * np.outer(t + 0.05, (4.0, 1.0, 0.3))))
+    assert not list(command_findings([smooth_servo_log(log)], ("a", "b", "c"), np.zeros(3, dtype=bool)))
+
+
+def test_commands_that_positions_do_not_follow_are_named(config, folder) -> None:
+    table, degrees = pl.read_csv("monday.csv"), 180 / np.pi
+    later = [pl.col(f"pos_{joint}").shift(-10).forward_fill() for joint in ("base", "shoulder", "elbow")]
+    cases = {
+        "swapped": (table.rename({"cmd_base": "cmd_elbow", "cmd_elbow": "cmd_base"}), "it follows that of 'elbow'"),
+        "degrees": (table.with_columns(pl.col("cmd_base") * degrees), "the command spans 55.8 times"),
+        "turned": (table.with_columns(-pl.col("cmd_base")), "goes against its command"),
+        "constant": (table.with_columns(cmd_base=pl.lit(0.1)), "its command hardly changes"),
+        "early": (table.with_columns(later), "ms before their commands"),
+        "clocks": (table.with_columns(later), "are both stamped by one clock?"),
+        "missing": (table.drop("cmd_base"), "simulation.joints.base.command: no column 'cmd_base'"),
+    }
+    for name, (data, words) in cases.items():
+        data.write_csv("wrong.csv")
+        (folder / "wrong.yaml").write_text(config.replace("monday.csv", "wrong.csv"))
+        _, found = messages("wrong.yaml")
+        assert any(words in text for _, text, _ in found), (name, found)
+
+
 def test_a_rollout_of_another_recording_is_that_of_the_report(config, folder) -> None:
     assert run("identify", "arm.yaml", "--out", "out").exit_code == 0
     done = run("predict", "out/servo.json", "tuesday.csv", "--out", "positions.csv")
@@ -88,6 +117,7 @@ def test_the_file_is_compared_with_its_own_gains(config) -> None:
     [
         ({"parameters": [{"quantity": "colour", "joint": None, "value": 1.0}]}, "is no result of servos"),
         ({"parameters": [{"quantity": "armature", "joint": "tail", "value": 1.0}]}, "is no result of servos"),
+        ({"parameters": [{"quantity": "damping", "joint": "elbow", "value": "nan"}]}, "not finite"),
         ({"configuration": {"path": "arm.yaml"}}, "is no result of servos"),
         ({"version": 2}, "is of version 2"),
         ({"joints": ["elbow", "base", "shoulder"]}, "are not the joints of the robot file"),

@@ -127,3 +127,7 @@ def test_what_a_search_drives_to_zero_is_named(motion) -> None:
     fit = fit_values(plant(), [motion], stiff, ENTRIES)
     assert Entry(Quantity.DAMPING, 1) in fit.vanished
     assert "damping of shoulder is driven to zero" in " ".join(_fit_warnings(fit, plant()))
+
+
+def test_a_delay_grows_to_a_second_at_most() -> None:
+    assert values().moved([Entry(Quantity.DELAY, 0)], [94.0]).delay == 1.0

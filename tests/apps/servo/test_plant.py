@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -50,3 +52,11 @@ def test_what_cannot_be_a_servo_is_named() -> None:
     spec = mujoco.MjSpec.from_string(servo_mjcf(FILE_VALUES).replace('joint="elbow" kp', 'joint="base" kp'))
     with pytest.raises(ModelError, match="'base' has two actuators"):
         compile_plant(spec, SERVO_JOINTS, "servos.xml")
+
+
+def test_a_simulation_that_diverges_prints_and_writes_nothing(tmp_path, monkeypatch, capfd) -> None:
+    monkeypatch.chdir(tmp_path)
+    wild = replace(values(kp=1e9), limit=np.full(3, np.inf))
+    plant().rollout(wild, recording())
+    assert capfd.readouterr() == ("", "")
+    assert not list(tmp_path.iterdir())

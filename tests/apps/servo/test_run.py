@@ -6,6 +6,7 @@ import json
 import sys
 
 import mujoco
+import polars as pl
 import pytest
 
 from dynident.apps.demo import TRUE_DELAY, TRUE_VALUES, servo_files
@@ -58,6 +59,10 @@ def test_torque_beside_servos_and_neither_are_refused(folder, monkeypatch) -> No
     assert "`torque` is left out" in " ".join(run("identify", "both.yaml").output.split())
     (folder / "none.yaml").write_text(text.partition("simulation:")[0] + "train: [{ file: monday.csv }]\n")
     assert "`torque` is missing" in " ".join(run("identify", "none.yaml").output.split())
+    (folder / "two.yaml").write_text("\n".join(line for line in text.splitlines() if "elbow: { command" not in line))
+    refused = run("identify", "two.yaml")
+    assert refused.exit_code == 1, refused.output
+    assert "simulation.joints" in refused.output
 
 
 def test_without_mujoco_the_extra_is_named(folder, monkeypatch) -> None:
@@ -73,3 +78,15 @@ def test_the_demo_shows_how_far_it_is_from_the_truth(tmp_path) -> None:
     done = run("demo", "--servo", "--files", "--out", str(tmp_path / "arm"))
     assert done.exit_code == 0, done.output
     assert sorted(path.name for path in (tmp_path / "arm").iterdir()) == ["monday.csv", "servos.xml", "tuesday.csv"]
+
+
+def test_positions_before_their_commands_are_a_warning(folder, monkeypatch) -> None:
+    # without damping the digits of the written values grow in the simulation that proves them
+    monkeypatch.chdir(folder)
+    table = pl.read_csv("monday.csv")
+    columns = [pl.col(name).shift(-10).forward_fill() for name in table.columns if name.startswith("pos")]
+    table.with_columns(columns).write_csv("early.csv")
+    run("init", "servos.xml", "early.csv", "-o", "early.yaml", "--force")
+    done = run("identify", "early.yaml")
+    assert done.exit_code == 0, done.output
+    assert "ms before their commands" in " ".join(done.output.split())

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.servo.fit import SETTLING, ServoFit, joint_scale
-from dynident.apps.servo.plant import ServoLog, ServoPlant, import_mujoco, sample_path
+from dynident.apps.servo.plant import ServoLog, ServoPlant, ignore_divergence, import_mujoco, sample_path
 from dynident.apps.servo.start import SmoothLog
 from dynident.apps.servo.suspects import choose_columns
 from dynident.apps.servo.values import ServoValues
@@ -21,6 +21,7 @@ TRIAL = 0.01  # rad or m, of the gap whose effect is looked for
 MIN_SIZE, MAX_SIZE = 2e-3, 0.3  # rad or m: what is smaller is not told from other errors
 MIN_GAIN = 0.03  # share of the squared error that a gap must explain
 MIN_SCORE = 1.0  # standard errors of its score: a gap that is crossed once or twice has hardly more
+MIN_EXPLAINED = 0.3  # share of a joint's squared error that its gap takes away once it is simulated
 MIN_NOISE_RATIO = 1.1  # of residuals to noise, below which there is nothing to explain
 MIN_ROTOR = 1e-5  # kg m^2: without inertia of its own a motor in front of a gap has no motion
 GAP_DAMPING = 1e-3  # N m s, of the oil in the gap
@@ -49,6 +50,7 @@ def add_gaps(spec: Any, joints: Sequence[str]) -> None:
         joint.armature = max(float(joint.armature), MIN_ROTOR)
 
 
+@ignore_divergence()
 def rollout_with_gaps(
     plant: ServoPlant, values: ServoValues, gaps: Sequence[Backlash], log: ServoLog, speeds: Array
 ) -> Array:
@@ -94,8 +96,8 @@ def find_backlash(
         moved = np.vstack(parts)
         return moved if np.isfinite(moved).all() else fit.residuals  # where it diverges, a gap explains nothing
 
-    def accepts(k: int, change: float) -> bool:  # noqa: ARG001 - a size is asked alike of all joints
-        return MIN_SIZE < change < MAX_SIZE
+    def accepts(k: int, change: float) -> bool:  # a gap moves nothing further than its size
+        return max(MIN_SIZE, float(fit.scale[k])) < change < MAX_SIZE
 
     best, best_gain = tuple[Backlash, ...](), 0.0
     step, scale = float(np.median(np.diff(motions[0].log.t))), joint_scale(fit.residuals)
@@ -115,4 +117,18 @@ def find_backlash(
             sizes = np.clip(sizes + change, MIN_SIZE, MAX_SIZE)
         best = tuple(Backlash(k, float(x), output) for k, x in zip(chosen, sizes, strict=True))
         best_gain = gain
-    return best
+    if not best:
+        return ()
+    # of an elastic gear, say, a gap has the sensitivity, but not the motion
+    shares = explained_shares(fit, misses(best))
+    return tuple(gap for gap in best if shares[gap.k] > MIN_EXPLAINED)
+
+
+def explained_shares(fit: ServoFit, moved: Array) -> Array:
+    """Return the share (n) of a fit's squared error by joint that other residuals (N', n) take away, once the fitted
+    entries follow."""
+    columns = fit.sensitivity.reshape(-1, fit.sensitivity.shape[-1])
+    weights = np.repeat(1 / joint_scale(fit.residuals)[None], len(moved), axis=0).ravel()
+    change = np.linalg.lstsq(columns * weights[:, None], moved.ravel() * weights, rcond=None)[0]
+    remaining = (moved.ravel() - columns @ change).reshape(moved.shape)
+    return np.asarray(1 - (remaining**2).sum(axis=0) / (fit.residuals**2).sum(axis=0))

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.apps.servo.commands import command_findings
 from dynident.apps.servo.plant import ServoLog, ServoPlant
 from dynident.apps.servo.run import load_servos, read_servo_logs
 from dynident.apps.servo.start import MAX_DELAY, SmoothLog, late_commands, smooth_servo_log, start_values
@@ -34,6 +35,7 @@ def examine_servos(project: Project) -> CheckResult:
         arm = load_servos(project)
         motions = [smooth_servo_log(log) for role in logs for log in logs[role]]
         train = motions[: len(logs["train"])]
+        findings += command_findings(motions, arm.plant.joints, arm.nominal.takes_torque)
         settings = project.config.simulation
         is_free = isinstance(settings, ServoSettings) and settings.delay == "estimate"
         values = start_values(arm.plant, train, arm.nominal, free_delay=is_free)

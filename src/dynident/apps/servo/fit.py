@@ -204,7 +204,7 @@ def summarise(
     # a step that remains is one to the minimum, or across zero
     remaining = -inverse @ gradient
     vanished = [e.quantity.positive and bool(x <= -1) for e, x in zip(entries, remaining, strict=True)]
-    distance = np.where(vanished, 0.0, np.abs(remaining) / np.sqrt(np.diag(covariance)))
+    distance = np.where(vanished, 0.0, np.abs(remaining) / np.sqrt(np.maximum(np.diag(covariance), 1e-300)))
     return ServoFit(
         values, entries, covariance, base, slopes, scale, iterations, bool(distance.max(initial=0.0) < MAX_REMAINING),
         undetermined, tuple(e for e, is_zero in zip(entries, vanished, strict=True) if is_zero),

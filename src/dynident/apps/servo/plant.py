@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,18 @@ def import_mujoco() -> Any:
             f"{install_command('mujoco')} (or the extra `dynident[mujoco]`)."
         ) from error
     return mujoco
+
+
+@contextmanager
+def ignore_divergence() -> Iterator[None]:
+    """Keep MuJoCo from printing that a simulation diverges, and from writing that into a file in the user's folder."""
+    mujoco = import_mujoco()
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 class ServoLog(Noun):
@@ -105,6 +118,7 @@ class ServoPlant(Noun):
         """The time step of the simulation (s)."""
         return float(self.model.opt.timestep)
 
+    @ignore_divergence()
     def rollout(
         self, values: ServoValues, log: ServoLog, starts: Sequence[int] = (0,), stops: Sequence[int] | None = None,
         speeds: Array | None = None,

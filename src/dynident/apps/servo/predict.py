@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,6 +46,8 @@ def predict_servos(path: Path, names: Sequence[str], *, allow_code: bool = False
             for row in data["parameters"]
         }
         text, place = str(data["configuration"]["text"]), Path(data["configuration"]["path"])
+        if not all(map(isfinite, values_by_entry.values())):
+            raise ValueError("a value is not finite")
         digests, held = dict(data["files"]), bool(data["commands_held"])
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: is no result of servos ({SERVO_FORMAT}): {error!r}.") from error

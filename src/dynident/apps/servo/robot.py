@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.servo.backlash import add_gaps
-from dynident.apps.servo.plant import ServoLog, ServoPlant, compile_plant, import_mujoco
+from dynident.apps.servo.plant import ServoLog, ServoPlant, compile_plant, ignore_divergence, import_mujoco
 from dynident.apps.servo.values import ServoValues
 from dynident.files.xml_text import XmlNode, XmlText
 from dynident.project.config import robot_text
@@ -219,6 +219,7 @@ def rollout_difference(
     return float(np.abs(paths[0] - paths[1]).max())
 
 
+@ignore_divergence()
 def _steps(model: Any, plant: ServoPlant, commands: Array, start: Array, lead: int) -> Array:
     """Return the positions (N, n) after each step from ``start``, once the arm was held there for ``lead`` steps."""
     mujoco = import_mujoco()

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.servo.backlash import Backlash, find_backlash
+from dynident.apps.servo.commands import command_findings
 from dynident.apps.servo.fit import ServoFit, fit_values, split_into_windows
 from dynident.apps.servo.judge import ServoRollout, ServoUse, position_noise, roll_out, verdict_of
 from dynident.apps.servo.plant import ServoLog, ServoPlant, import_mujoco
@@ -17,13 +19,14 @@ from dynident.apps.servo.start import MAX_DELAY, SmoothLog, smooth_servo_log, st
 from dynident.apps.servo.suspects import suspect_entries
 from dynident.apps.servo.values import FRICTION, Entry, Quantity, ServoValues
 from dynident.checks import check_log
+from dynident.files.tables import DataTable
 from dynident.identification import SourceFile
 from dynident.models import Joint
 from dynident.project.config import model_file
 from dynident.project.drive_settings import ServoSettings
 from dynident.project.logs import read_recording, read_unchecked, turning_joints
 from dynident.project.project import Project, log_files
-from dynident.project.settings import Config, LogSpec, RobotSettings
+from dynident.project.settings import Config, LogSpec, RobotSettings, check_joints
 from dynident.runtime import ConfigError, ModelError, Noun, Severity, number, report_progress, require
 
 Array = NDArray[np.float64]
@@ -89,6 +92,7 @@ def load_servos(project: Project) -> ServoArm:
     path = model_file(robot, project.path.parent)
     if not isinstance(settings, ServoSettings) or not isinstance(robot, RobotSettings) or path is None:
         raise ConfigError("a servo arm has a robot file as its `model` and `simulation: { kind: servo }`.")
+    check_joints(project.config, project.model.joints)
     text = mjcf_text(path)
     plant = load_plant(robot, text, [joint.name for joint in project.model.joints], path.name)
     return ServoArm(robot, settings, path.name, text, plant, nominal_values(plant, settings))
@@ -106,7 +110,8 @@ def identify_servo(project: Project) -> ServoIdentification:
     settings = arm.settings
     logs, remarks = read_servo_logs(project)
     motions = {role: [smooth_servo_log(log) for log in logs[role]] for role in logs}
-    warnings = [*project.warnings, *remarks]
+    found = command_findings([x for role in motions.values() for x in role], plant.joints, nominal.takes_torque)
+    warnings = [*project.warnings, *remarks, *map(str, found)]
     report_progress("looking for the delay")
     fitted, fit, suspects = choose_fit(plant, motions["train"], nominal, settings)
     held = fitted[0].log.held
@@ -121,7 +126,10 @@ def identify_servo(project: Project) -> ServoIdentification:
     mjcf = write_mjcf(arm.text, plant, fit.values)
     difference = rollout_difference(arm.robot, mjcf, plant, fit.values, motions["train"][0].log, arm.source)
     if difference > MAX_ROLLOUT_DIFFERENCE:
-        raise ModelError(f"{arm.source}: as written with the fitted values it moves differently, by {difference:.2g}.")
+        words = f"{arm.source}: as written with the fitted values it moves differently, by {difference:.2g}."
+        if fit.converged:
+            raise ModelError(words)
+        warnings.append(words)  # without damping, say, the digits of the values grow to that
     warnings += [*_backlash_warnings(gaps, joints), *_fit_warnings(fit, plant)]
     files = [file for file in (project.sources.configuration, project.sources.model, *log_files(config)) if file]
     hashes = {file.path: file.sha256 for file in files}
@@ -232,7 +240,7 @@ def _fit_warnings(fit: ServoFit, plant: ServoPlant) -> Iterator[str]:
     for entry in fit.vanished:
         yield f"{entry_name(entry, plant.joints)} is driven to zero: another law, mass or gain may stand for it."
     if fit.values.delay > 0.9 * MAX_DELAY:
-        yield f"the delay {fit.values.delay:.3g} s is the longest that is searched; are commands and positions in step?"
+        yield f"a delay of {fit.values.delay:.3g} s is long; are commands and positions in step?"
     if fit.values.delay == 0 and Entry(Quantity.DELAY, 0) in fit.entries:
         yield "no delay is seen, or a negative one: are commands stamped later than positions?"
     for group in fit.undetermined:
@@ -285,7 +293,7 @@ def _servo_logs(
         report_progress(f"reading {spec.label}")
         reading = read_unchecked(spec, config, joints, read_recording, torque=False)
         full = spec.model_copy(update={"window": (), "exclude": ()})
-        pieces = read_unchecked(full, command_config, joints, read_recording, torque=False).logs
+        pieces = read_unchecked(full, command_config, joints, partial(_read_commands, settings), torque=False).logs
         t = np.concatenate([piece.t for piece in pieces])
         command = np.vstack([np.where(takes_torque, piece.tau, piece.q) for piece in pieces])
         warnings += reading.warnings
@@ -300,6 +308,15 @@ def _servo_logs(
                 ServoLog(log.source, log.t, log.q, _spaced(t, log.t), command, settings.commands != "interpolated")
             )
     return logs, warnings
+
+
+def _read_commands(settings: ServoSettings, spec: LogSpec, needed: Collection[str]) -> DataTable:
+    """Return the table of a recording; InputError with the place in the configuration for a command that is missing."""
+    table = read_recording(spec, needed)
+    for name, servo in settings.joints.items():
+        for column in servo.command.terms:
+            table.column(column, f"simulation.joints.{name}.command")
+    return table
 
 
 def _spaced(sent: Array, t: Array) -> Array:

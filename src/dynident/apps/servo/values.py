@@ -16,6 +16,7 @@ from dynident.runtime import Noun
 Array = NDArray[np.float64]
 MAX_DROP = 2.0  # of a logarithm, in one step
 MAX_RISE, RETURN_VALUE = 3.0, 0.1  # factor in one step, and SI, to which a value near zero may come back in one
+LONGEST_DELAY = 1.0  # s, that a search comes to
 MIN_VALUE = 1e-8  # SI: of what is positive; it stands for zero
 
 
@@ -110,5 +111,6 @@ class ServoValues(Noun):
                     number = max(number * math.exp(max(step, -MAX_DROP)), MIN_VALUE)
             else:
                 number += step
+                number = min(number, LONGEST_DELAY) if entry.quantity is Quantity.DELAY else number
             numbers.append(number)
         return self.changed(entries, numbers)

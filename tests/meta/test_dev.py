@@ -89,6 +89,7 @@ def dev(project: Path, monkeypatch: pytest.MonkeyPatch, *typed: str, **changes: 
     """The names of dev.py, called by the words of a command line, with some names exchanged."""
     monkeypatch.setattr(sys, "orig_argv", list(typed))
     monkeypatch.setattr(sys, "argv", list(typed[1:]))
+    monkeypatch.setenv("DYNIDENT_COMMAND", "")  # what it sets there ends with the test
     names = runpy.run_path(str(project / "dev.py"))
     for name, value in changes.items():
         monkeypatch.setitem(names["main"].__globals__, name, value)
@@ -102,7 +103,6 @@ def test_what_comes_next_can_be_typed(
     """Each line runs in a shell; the last activates the environment."""
     commands: list[tuple[Any, ...]] = []
     monkeypatch.chdir(project.parent / place)
-    monkeypatch.delenv("DYNIDENT_COMMAND", raising=False)
     script = "dev.py" if place == "my dynident" else "../my dynident/dev.py"
     names = dev(project, monkeypatch, "python3", script, run=lambda *words, **_: commands.append(words[4:]))
     names["main"](["demo", "--help"])
@@ -112,7 +112,7 @@ def test_what_comes_next_can_be_typed(
     names["main"](["demo"])
     assert commands == [("demo",)]
     called = shlex.join(["python3", script, "run"])
-    assert os.environ.pop("DYNIDENT_COMMAND") == called
+    assert os.environ["DYNIDENT_COMMAND"] == called
     lines = [line.strip() for line in capsys.readouterr().out.splitlines() if line.startswith("  ")]
     *shown, activation = lines
     assert len(shown) == 1

@@ -104,7 +104,7 @@ def test_the_second_sentence_praises_only_what_nothing_stands_against() -> None:
     assert second(Use.SIMULATION).startswith("Its mass matrix is positive definite in all poses tested")
     assert "at most 2.5 % of the motion (elbow, fast)" in second(Use.SIMULATION)
     one, two, three = why.NoFreeRun(), why.InertiasFree(), why.NoHoldOut()
-    assert second(Use.CONTROL, one) == "Not for simulation: no free simulation was run."
+    assert second(Use.CONTROL, one) == "Not tested for simulation: no free simulation was run."
     assert second(Use.CONTROL, one, run=None) == second(Use.CONTROL, one)
     assert second(Use.DO_NOT_USE, three) == f"Against its use: {three}."
     assert second(Use.CONTROL, one, two) == f"Not for simulation: {one}; {two}."

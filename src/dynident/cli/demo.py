@@ -170,7 +170,7 @@ def _show_comparison(screen: Screen, comparison: Comparison) -> None:
     _print_heading(screen, "Compared with the true arm, which is known because it is simulated")
     screen.say(
         f"On another motion the model's torque differs from the true one by {number(comparison.torque_error, 2)} %. "
-        f"With the inertias of arm.urdf and the true friction it would be {number(comparison.file_error, 2)} %."
+        f"The inertias of arm.urdf, with the true friction, differ by {number(comparison.file_error, 2)} %."
     )
     screen.say(
         f"{comparison.within} of {comparison.base} base parameters are within 1.96 standard errors of the truth; 95 % "

@@ -6,13 +6,14 @@ import re
 from dataclasses import dataclass
 
 from dynident.identification.unobservable import Unobservable
-from dynident.identification.verdict_reasons import Reason
+from dynident.identification.verdict_reasons import NoFreeRun, Reason
 from dynident.identification.verdict_steps import NextStep, Remedy
 from dynident.regression import UnexcitedParameters
 from dynident.runtime import Use, count, number, percent, rough
 from dynident.validation import AT_FLOOR, Cause, FloorOrigin, NoiseFloor, causes_text
 
 NAMED_REASONS = 2  # reasons that the second sentence names
+LITTLE = 1.5  # times the noise of the sensors: a residual below is little
 SENTENCE_END = re.compile(r"\.\s+(?=[A-Z])")  # inside a reason
 _USE_SENTENCES = {
     Use.DO_NOT_USE: "Do not use this model yet",
@@ -72,14 +73,16 @@ class LargestResidual:
                 f"The torque residual is at the noise floor: on {self.log} it is {self.over:.2f} times the noise of "
                 f"the sensors, and at each joint at most {AT_FLOOR:g} times with 95 % confidence."
             )
-        place = f"The torque residual is largest in {self.joint} ({self.log})"
+        relative = "The torque residual" if self.floor is None else "Relative to noise, the torque residual"
+        place = f"{relative} is largest in {self.joint} ({self.log})"
         if self.floor is not None and self.floor.is_reached:
             return f"{place}, where it is at the noise floor, {self.floor.ratio:.2f} times the noise of the sensors."
         causes = f"points to {causes_text(self.causes, self.floor)}" if self.causes else "has no clear cause"
         if self.floor is None:
             return f"{place} and {causes}."
         noise = "white noise" if self.floor.origin is FloorOrigin.WHITE else "noise"
-        return f"{place}, {number(self.floor.ratio, 2)} times the {noise} of the sensors, and {causes}."
+        little = "which is little, " * (self.floor.ratio < LITTLE)
+        return f"{place}, {number(self.floor.ratio, 2)} times the {noise} of the sensors, {little}and {causes}."
 
 
 @dataclass(frozen=True)
@@ -128,6 +131,8 @@ class Verdict:
             )
         clauses = list(map(_lead_of, self.reasons[:NAMED_REASONS]))
         text = "Against its use: " if self.use is Use.DO_NOT_USE else "Not for simulation: "
+        if all(isinstance(reason, NoFreeRun) for reason in self.reasons):
+            text = "Not tested for simulation: "
         for k, clause in enumerate(clauses):
             # A reason that ends with a question mark closes its sentence, so the next one begins another
             if text.endswith("?"):

@@ -19,14 +19,14 @@ def test_the_page_shows_what_it_showed(arm: Bench) -> None:
 
     start, joint = arm.start, arm.joints[0]
     fit, last, log = arm.fit(replace(start, degree=(1.0, *start.degree[1:]))), arm.fit(start), "log 2"
-    smoothed, curve = arm.smooth(start, log, joint), arm.curve(start)
+    smoothed = arm.smooth(start, log, joint)
     parts = (
         tuning_page("arm.yaml", arm), readout.numbers(fit, last), readout.errors(fit, last, joint),
         readout.parameter_table(fit, last),
     )  # fmt: skip
     figures = (
         drawings.motion_drawing(smoothed, "rad", ((1.0, 2.0),)), drawings.residual_drawing(smoothed, "rad"),
-        drawings.torque_drawing(fit.logs[log], 0, "N m", ((1.0, 2.0),)), drawings.curve_drawing(curve, 0.0, 0, False),
+        drawings.torque_drawing(fit.logs[log], 0, "N m", ((1.0, 2.0),)),
     )  # fmt: skip
     lines = [line for part in parts for line in component_lines(part)]
     lines += [line for figure in figures for line in figure_lines(json.loads(figure.json()))]

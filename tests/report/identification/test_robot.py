@@ -62,7 +62,7 @@ def test_a_small_view_follows_without_a_player() -> None:
     assert not small.player
     assert small.figure.layout["height"] == 250
     assert [one["name"] for one in small.figure.data if one.get("legendrank") == 1][1:] == ["by combination"]
-    assert "by combination (the data fix sums with other links)." in small.caption
+    assert "by combination (the data determine only sums with other links)." in small.caption
     scene = small.figure.layout["scene"]
     assert not scene["xaxis"]["visible"]
     links = [one for one in small.figure.data if one.get("hovertext")]

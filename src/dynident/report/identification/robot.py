@@ -71,8 +71,8 @@ LEGEND_WORDS = {
 }
 LEGEND_MEANINGS = {
     DeterminedBy.DATA: "by the data alone",
-    DeterminedBy.COMBINATION: "the data fix sums with other links",
-    DeterminedBy.PRIOR: "the data fix sums, which the file or prior splits, as is usual for a good model",
+    DeterminedBy.COMBINATION: "the data determine only sums with other links",
+    DeterminedBy.PRIOR: "the data determine only sums, which the file or prior splits; this is usual for a good model",
     DeterminedBy.BOUND: "held by a physical constraint",
     DeterminedBy.NOTHING: "neither by data nor by a prior",
 }

@@ -45,7 +45,7 @@ def test_a_right_log_has_its_rate_and_delay(config, folder) -> None:
     code, found = messages("arm.yaml")
     assert code == 0
     assert [severity for severity, *_ in found] == ["info"]
-    assert float(found[0][1].split()[3]) == pytest.approx(1e3 * TRUE_DELAY, abs=4)
+    assert float(found[0][1].split()[6]) == pytest.approx(1e3 * TRUE_DELAY, abs=4)
     (facts, _) = json.loads((folder / "check.json").read_text())["arm.yaml"]["logs"].values()
     assert (facts["samples"], facts["missing"]) == (600, 0)
 

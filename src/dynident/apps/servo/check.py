@@ -67,14 +67,14 @@ def _limit_findings(plant: ServoPlant, motions: Sequence[SmoothLog], values: Ser
         for joint, share, limit in zip(plant.joints, shares, values.limit, strict=True):
             if share > MAX_LIMIT_SHARE:
                 words = (
-                    f"the servo is at its limit of {number(limit)} in {percent(100 * share)} of the samples: is "
-                    "`limit` that of the servo? Else move less, or slower"
+                    f"the servo is at its limit of {number(limit)} in {percent(100 * share)} of the samples. "
+                    "Check `limit`; if it is right, move less, or slower"
                 )
                 yield Finding(Remark(words), joint=joint, source=motion.log.name)
 
 
 def _delay_finding(values: ServoValues) -> Finding:
-    words = f"commands act about {number(1e3 * values.delay, 2)} ms before positions answer"
+    words = f"positions follow their commands after about {number(1e3 * values.delay, 2)} ms"
     if values.delay > 0.9 * MAX_DELAY:
         return Finding(Remark(f"{words}, the longest delay that is searched; are commands and positions in step?"))
     return Finding(Remark(words), severity=Severity.INFO)

@@ -37,9 +37,9 @@ MAX_ROUNDS = 2  # of testing what is given and fitting it too
 class ServoIdentification(Noun):
     """The identified model of a servo arm: the ``fit``, the values of the ``nominal`` file, and what they are worth.
 
-    ``suspects`` were given, but contradict the log, and are fitted too; ``backlash`` is what a joint has and the model
-    has not. ``mjcf`` is the robot file with the fitted values, whose rollout is ``difference`` (rad, m) from that of
-    the fit. ``hashes`` are the SHA-256 of all files read; commands are ``held``, else interpolated.
+    ``suspects`` were given, but contradict the log, and are fitted too; ``backlash`` are the gaps found, which the
+    model lacks. ``mjcf`` is the robot file with the fitted values, whose rollout is ``difference`` (rad, m) from that
+    of the fit. ``hashes`` are the SHA-256 of all files read; commands are ``held``, else interpolated.
     """
 
     name: str

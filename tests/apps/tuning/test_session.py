@@ -109,7 +109,7 @@ def test_a_whole_run_that_nobody_waits_for_any_longer_is_given_up():
     runs.request_run("page", ONE)
     assert begun.wait(10)
     assert runs.step(ONE) == "smoothing (1 of 4)"
-    assert runs.step(TWO) == "waits until the one of another setting stops, after: smoothing"
+    assert runs.step(TWO) == "waits for the fit of another setting, which is at: smoothing"
     runs.request_run("page", TWO)
     go.set()
     runs.request_run("other page", THREE)

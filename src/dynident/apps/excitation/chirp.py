@@ -1,7 +1,7 @@
 """Commands for arms of servos: small chirps of all joints at once, within range, speed and acceleration, and clear.
 
-The frequency rises in some joints while it falls in others, so that slow motion, which shows dry friction, and fast
-one, which shows armature and delay, is had of each. PACE (arXiv:2509.06342) commands such chirps.
+The frequency rises in some joints while it falls in others. Each joint moves slowly, which shows dry friction, and
+fast, which shows armature and delay. PACE (arXiv:2509.06342) commands such chirps.
 """
 
 from __future__ import annotations

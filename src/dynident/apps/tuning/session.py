@@ -100,7 +100,7 @@ class WholeRuns:
             if self._now is None:
                 return Step("about to begin")
             current, step = self._now
-        return step if current == tuning else Step(f"waits until the one of another setting stops, after: {step.words}")
+        return step if current == tuning else Step(f"waits for the fit of another setting, which is at: {step.words}")
 
     def _run(self) -> None:
         while True:

@@ -130,9 +130,9 @@ class Verdict:
                 f"at most {rough(self.run.error)} of the motion ({self.run.joint}, {self.run.log})."
             )
         clauses = list(map(_lead_of, self.reasons[:NAMED_REASONS]))
-        text = "Against its use: " if self.use is Use.DO_NOT_USE else "Not for simulation: "
-        if all(isinstance(reason, NoFreeRun) for reason in self.reasons):
-            text = "Not tested for simulation: "
+        is_untested = all(isinstance(reason, NoFreeRun) for reason in self.reasons)
+        limit = "Not tested for simulation: " if is_untested else "Not for simulation: "
+        text = "Against its use: " if self.use is Use.DO_NOT_USE else limit
         for k, clause in enumerate(clauses):
             # A reason that ends with a question mark closes its sentence, so the next one begins another
             if text.endswith("?"):

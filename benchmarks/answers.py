@@ -140,9 +140,10 @@ def change_rows(before: Identification, after: Identification, step: Array) -> l
     """Return the errors of the differences of base parameters that ``compare`` shows."""
     comparison = compare_results(compared(before), compared(after))
     true_step = dict(zip(base_names(before), basis_of(before).to_base(step), strict=True))
-    found = [row for row in comparison.base if row.name in true_step]
-    errors = [row.second - row.first - true_step[row.name] for row in found]
-    return rows([row.name for row in found], errors, [np.hypot(row.first_std, row.second_std) for row in found])
+    compared_rows = [row for row in comparison.base if row.name in true_step]
+    errors = [row.second - row.first - true_step[row.name] for row in compared_rows]
+    stds = [np.hypot(row.first_std, row.second_std) for row in compared_rows]
+    return rows([row.name for row in compared_rows], errors, stds)
 
 
 def compared(result: Identification) -> ComparedResult:

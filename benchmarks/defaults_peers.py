@@ -107,12 +107,12 @@ def least_squares(model: Model, train: Motion, held_out: HeldOut) -> Row:
 def peer(who: str, python: str, urdf: str, gravity: Any, model: Model, train: Motion, held_out: HeldOut) -> list[Row]:
     """What another finds, in its own process; why, where it finds nothing."""
     with TemporaryDirectory() as folder:
-        given, answer = Path(folder) / "in.npz", Path(folder) / "out.json"
+        recording, answer = Path(folder) / "in.npz", Path(folder) / "out.json"
         q, tau = train.raw if who == "FIGAROH" else (train.q, train.tau)
         rows = {"joints": [joint.name for joint in model.joints], "dq": train.dq, "ddq": train.ddq}
         rows |= {"decimate": round(train.rate / SAMPLES_A_SECOND)}
-        np.savez(given, urdf=urdf, gravity=np.array(gravity), t=train.t - train.t[0], q=q, tau=tau, **rows)
-        command: list[str | Path] = [python, "-W", "ignore", HERE / PEERS[who], given, answer]
+        np.savez(recording, urdf=urdf, gravity=np.array(gravity), t=train.t - train.t[0], q=q, tau=tau, **rows)
+        command: list[str | Path] = [python, "-W", "ignore", HERE / PEERS[who], recording, answer]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             lines = done.stderr.strip().splitlines()
@@ -153,15 +153,15 @@ def main() -> None:
     parser.add_argument("--peers", metavar="PYTHON", help="a Python with figaroh==1.0.2 and mujoco[sysid]==4.0.0")
     parser.add_argument("--page", action="store_true", help="keep the figures for docs/defaults.md, and write it")
     options = parser.parse_args()
-    kept = read_figures(FIGURES)
-    for name in options.robots or [one for one in ROBOTS if one != "panda_period"]:
+    figures = read_figures(FIGURES)
+    for name in options.robots or [robot for robot in ROBOTS if robot != "panda_period"]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             rows = measure(name, options.peers)
         print(name, *rows, sep="\n", flush=True)
-        kept.setdefault("peers", {})[name] = rows
+        figures.setdefault("peers", {})[name] = rows
         if options.page:
-            write_figures(kept, FIGURES)
+            write_figures(figures, FIGURES)
     if options.page:
         draw()
 

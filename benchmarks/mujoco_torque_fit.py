@@ -29,15 +29,15 @@ def residual_of(spec: mujoco.MjSpec, recording: dict[str, Any]) -> Any:
     q, dq, ddq, tau = (recording[name][rows] for name in ("q", "dq", "ddq", "tau"))
     size = np.sqrt(np.mean(tau**2, axis=0)) + 1e-9
 
-    def residual(x: np.ndarray, found: Any, **_: Any) -> Any:
+    def residual(x: np.ndarray, parameters: Any, **_: Any) -> Any:
         if x.ndim == 2:  # its derivatives are asked for together
-            return [np.stack([residual(column, found)[0][0] for column in x.T], axis=1)], None, None
-        found.update_from_vector(x)
+            return [np.stack([residual(column, parameters)[0][0] for column in x.T], axis=1)], None, None
+        parameters.update_from_vector(x)
         trial = spec.copy()
-        sysid.apply_param_modifiers_spec(found, trial)
+        sysid.apply_param_modifiers_spec(parameters, trial)
         model = trial.compile()
         data, predicted = mujoco.MjData(model), np.empty_like(tau)
-        offset = np.array([found[f"offset_{joint.name}"].value[0] for joint in spec.joints])
+        offset = np.array([parameters[f"offset_{joint.name}"].value[0] for joint in spec.joints])
         for k in range(len(q)):
             data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
             mujoco.mj_inverse(model, data)
@@ -56,7 +56,7 @@ def main() -> None:
     names = set(recording["joints"].tolist())
     tree = ElementTree.fromstring(str(recording["urdf"]))
     for body in tree.iter("body"):
-        for joint in [one for one in body.findall("joint") if one.get("name") not in names]:  # as of a gripper
+        for joint in [joint for joint in body.findall("joint") if joint.get("name") not in names]:  # as of a gripper
             body.remove(joint)
     for equality in tree.findall("equality"):
         tree.remove(equality)
@@ -66,11 +66,11 @@ def main() -> None:
             joint.parent.mass, joint.parent.inertia = 1.0, [0.01, 0.01, 0.01]
     began = time.process_time()
     start = mujoco_fit.parameters(spec)
-    found, _ = sysid.optimize(
+    parameters, _ = sysid.optimize(
         start, residual_of(spec, recording), "mujoco", max_iters=STEPS, verbose=False, eps=DIFFERENCE
     )
     seconds = time.process_time() - began
-    fit = {"name": "torque residuals", "value": mujoco_fit.values(spec, found), "seconds": seconds}
+    fit = {"name": "torque residuals", "value": mujoco_fit.values(spec, parameters), "seconds": seconds}
     Path(sys.argv[2]).write_text(json.dumps([fit]))
 
 

@@ -139,7 +139,10 @@ KINDS = (
     CandidateKind("coulomb", partial(_sized_terms, Coulomb, "width", "speed", (0.0, *WIDTHS)), presumed=True, dry=True),
     CandidateKind("rotor", partial(_alone, RotorInertia), presumed=True),
     CandidateKind(
-        "load_coulomb", partial(_sized_terms, LoadCoulomb, "width", "speed", WIDTHS), dry=True, needs_load=True
+        "load_coulomb",
+        partial(_sized_terms, LoadCoulomb, "width", "speed", (0.0, *WIDTHS)),
+        dry=True,
+        needs_load=True,
     ),
     CandidateKind("load_viscous", partial(_alone, LoadViscous), needs_load=True),
     CandidateKind("stribeck", _stribeck_terms),

@@ -187,6 +187,8 @@ class JointSearch:
             if not any(candidate.group.kind.dry for candidate in self.entered):
                 good = [candidate for candidate in good if candidate.entered.group.kind.dry] or good
             best = max(good, key=lambda candidate: candidate.trial.gain)
+            # A law like the best that gains more is the better guess, though its gain is less even in time.
+            good = [candidate for candidate in results if candidate in good or _is_better_kin(candidate, best)] or good
             # Groups are ordered from the simplest on: take the first that is as good as the best.
             simplest = next(candidate for candidate in good if candidate is best or _is_as_good(candidate, best))
             self.entered.append(simplest.entered)
@@ -373,6 +375,13 @@ def _is_as_good(result: _TrialResult, best: _TrialResult) -> bool:
     """Return whether a trial is within a standard error of the best, block by block."""
     shortfall = best.gains - result.gains
     return bool(shortfall.sum() <= np.sqrt(len(shortfall)) * shortfall.std(ddof=1))
+
+
+def _is_better_kin(result: _TrialResult, best: _TrialResult) -> bool:
+    """Return whether a trial gains more than the best, within its error, and both are dry friction of one cause."""
+    kinds = result.entered.group.kind, best.entered.group.kind
+    alike = all(kind.dry for kind in kinds) and kinds[0].needs_load == kinds[1].needs_load
+    return alike and result.trial.outcome is TrialOutcome.WITHIN_ERROR and result.trial.gain >= best.trial.gain
 
 
 def _settings(term: Term) -> tuple[tuple[str, Setting], ...]:

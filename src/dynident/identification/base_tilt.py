@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dynident.estimators import Estimator, Problem
 from dynident.estimators.least_squares import solve_least_squares
@@ -111,8 +111,11 @@ def find_base_tilt(
     linear = _TiltGain.linearise(model, trial_motions, selection, (0.0, 0.0))
     # A linear estimate costs one fit; the search below costs many and is not worth it where nothing can be gained.
     if linear.gain.share < 0.5 * MIN_GAIN:
-        return BaseTilt(0.0, 0.0, linear.std, linear.error, linear.error, linear.gain)
-    (x, y), std, error = _search_tilt(model, trial_motions, estimator, selection)
+        dx, dy = linear.find_std().tolist()
+        return BaseTilt(0.0, 0.0, (dx, dy), linear.error, linear.error, linear.gain)
+    # The search has a step of a tenth of where it begins, so that it does not begin nearer to zero than this.
+    start = np.copysign(np.clip(np.abs(linear.tilt), START_TILT, MAX_TILT), linear.tilt)
+    (x, y), std, error = _search_tilt(model, trial_motions, estimator, selection, start=start)
     # The level base is the result wherever the tilt is refused below, with the errors that are known by then.
     before = error(0.0, 0.0)
     level = BaseTilt(0.0, 0.0, std, before, before)
@@ -132,10 +135,11 @@ def _search_tilt(
     estimator: Estimator,
     selection: Selection,
     mounting: tuple[float, float] = (0.0, 0.0),
+    start: ArrayLike = (START_TILT, START_TILT),
 ) -> tuple[tuple[float, float], tuple[float, float], Callable[[float, float], float]]:
     """Return the best tilt (rad), its standard errors, and a function giving the training error (%) at a tilt.
 
-    The search begins at ``mounting``; a component within two standard errors of it is set to it.
+    The search begins ``start`` away from ``mounting``; a component within two standard errors of that is set to it.
     """
     from scipy.optimize import least_squares
 
@@ -156,7 +160,7 @@ def _search_tilt(
     torque = float(np.sqrt(sum(float(np.sum(motion.tau[motion.mask] ** 2)) for motion in thin)))
     # The start is off zero and the steps are coarse: the residual is that of a full fit and not smooth to rounding.
     settings = {"diff_step": 0.1, "x_scale": 0.01, "xtol": 1e-3, "ftol": 1e-4, "max_nfev": 20}
-    solution = least_squares(lambda tilt: residual(tilt + mounting), np.full(2, START_TILT), **settings)
+    solution = least_squares(lambda tilt: residual(tilt + mounting), start, **settings)
     # rows of both are by joint; the samples of a motion follow each other
     n = len(model.joints)
     lines, e = solution.jac.reshape(n, -1, 2), solution.fun.reshape(n, -1)
@@ -175,12 +179,14 @@ def _search_tilt(
 class _TiltGain:
     """The cross-validated gain of a tilt over a level base, by linearisation of the torque at a nearby tilt.
 
-    ``std`` are the standard errors of both angles, ``error`` is the training error (%) of the level base.
+    ``tilt`` (2) is the best one in rad, whose standard errors (2) ``find_std`` returns, and ``error`` the training
+    error (%) of the level base.
     """
 
     gain: Gain
-    std: tuple[float, float]
+    tilt: Array
     error: float
+    find_std: Callable[[], Array]
 
     @classmethod
     def linearise(
@@ -209,13 +215,14 @@ class _TiltGain:
         ]
         gain = gain_from_errors(prediction_errors(level, level), prediction_errors(tilted, tilted))
         merged_tilted, merged_level = merge_factors(tilted), merge_factors(level)
-        std = _linear_std(tilted_model, motions, slopes, directions, merged_tilted.stack(), selection)
+        best = solve_least_squares(merged_tilted.stack()).value[directions.shape[1] :] + tilt
         residual, torque = (
             merged_level.residual(_solve_with_std(merged_level)[0]).sum(),
             np.square(merged_level.factors[:, :, -1]).sum(),
         )
         error = 100.0 * float(np.sqrt(residual / torque)) if torque > 0 else 0.0
-        return cls(gain, (float(std[0]), float(std[1])), error)
+        find_std = partial(_linear_std, tilted_model, motions, slopes, directions, merged_tilted.stack(), selection)
+        return cls(gain, best, error, find_std)
 
 
 def _solve_with_std(triangular: TriangularFactors) -> tuple[Array, Array]:

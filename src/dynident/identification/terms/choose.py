@@ -53,7 +53,7 @@ from dynident.identification.terms.search import (
     renumber_columns,
 )
 from dynident.models import CoupledMotor, Model, Term
-from dynident.models.friction import Ripple
+from dynident.models.friction import Dahl, LoadDahl, Ripple
 from dynident.motion.log import Motion
 from dynident.regression import EVERYTHING, Selection
 from dynident.runtime import Step, brief, report_progress
@@ -111,7 +111,7 @@ class _TermSelection:
     ripples: list[list[CandidateKind]] = field(default_factory=list)
     trials: list[dict[str, TermTrial]] = field(default_factory=list)  # of these
     shares: dict[int, dict[str, float]] = field(default_factory=dict)  # of the other joints that have a kind
-    _cached_columns: dict[tuple[int, str, Term], Array] = field(default_factory=dict)
+    _cached_columns: dict[tuple[int, Term], Array] = field(default_factory=dict)
 
     __repr__ = brief
 
@@ -308,21 +308,24 @@ class _TermSelection:
         """Return a group of columns, which are appended to ``group_columns``."""
         places = []
         for term in terms:
-            term_columns = self._columns(kind, term, j, loads)
+            term_columns = self._columns(term, j, loads)
             start = sum(map(len, group_columns))
             places.append(tuple(range(start, start + len(term_columns))))
             size = np.sqrt(np.mean(np.square(term_columns), axis=1, keepdims=True))
             group_columns.append(term_columns / np.where(size > 0, size, 1.0))
         return TermGroup(kind, terms, tuple(places))
 
-    def _columns(self, kind: CandidateKind, term: Term, j: int, loads: Sequence[Array]) -> Array:
+    def _columns(self, term: Term, j: int, loads: Sequence[Array]) -> Array:
         """Return the columns (w, N) of a term; those that remember the motion, and not the load, are cached."""
-        if kind.needs_load or not term.memory:
+        if isinstance(term, LoadDahl):
+            load = [load[rows, j] for load, rows in zip(loads, self.samples.rows, strict=True)]
+            without_load = Dahl(term.joints, term.on, length=term.length)
+            return np.abs(np.concatenate(load)) * self._columns(without_load, j, loads)
+        if term.needs_load or not term.memory:
             return columns_of(self.samples, term, j, loads)
-        key = j, kind.name, term
-        if key not in self._cached_columns:
-            self._cached_columns[key] = columns_of(self.samples, term, j, loads)
-        return self._cached_columns[key]
+        if (j, term) not in self._cached_columns:
+            self._cached_columns[j, term] = columns_of(self.samples, term, j, loads)
+        return self._cached_columns[j, term]
 
     def _grams(self, rows: JointEquations, columns: Array) -> JointGrams:
         return rows.grams(columns, self.block, self.samples.classes(rows.j), (self.samples.blocks, N_CLASSES))

@@ -234,7 +234,7 @@ def test_what_changed_comes_first_the_worst_before_all(found):
 
 def test_the_page_says_the_rate_of_false_alarms_and_draws_what_changed(page):
     text = re.sub(r"\s+", " ", own(page)).replace("\u00a0", " ")
-    rate = "Of 10 robots, in which nothing changes, 0.10 would be listed here by chance (1 %)."
+    rate = "Of 10 robots without a change, 0.10 would be listed here by chance (1 %)."
     # "step or drift": where the odds do not tell
     for words in ("3 robots changed", rate, "200 of 201", "step or drift", "± 0.050 kg", "Robots of type ur10"):
         assert words in text

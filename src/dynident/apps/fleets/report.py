@@ -56,14 +56,13 @@ MAX_SIDE_BY_SIDE, MAX_GROUP_PARAMETERS = 48, 4  # robots, and parameters of a gr
 MAX_TERMINAL_ROWS = 20  # rows of a table in a terminal
 _CHANGES = (
     "A change is reported where it is larger than what standard errors and the scatter from log to log explain. Of "
-    "{tested}, in which nothing changes, {expected} would be listed here by chance ({rate}). A step comes at once, "
-    "a drift with time; +- is one standard error, and a p-value the share of robots without a change that would "
-    "show as much."
+    "{tested} without a change, {expected} would be listed here by chance ({rate}). A step is sudden, a drift "
+    "gradual; +- is one standard error. The p-value is the share of robots without a change that would show as much."
 )
 _COURSES = (
-    "Each point is one log with its 95 % interval, which counts the scatter from log to log; all else is as in the "
-    "mean of the robot's logs. A residual is the root mean square of the torque that the model leaves. The line is "
-    "what was found, dashed where it begins; where there is a pale strip, it may have begun anywhere in it (95 %)."
+    "Each point is one log with its 95 % interval, which includes the scatter from log to log; all other parameters "
+    "are at the mean of the robot's logs. A residual is the root mean square of the torque that the model leaves. The "
+    "solid line is the change that was found, the dashed line its start, a pale strip the 95 % interval of the start."
 )
 
 

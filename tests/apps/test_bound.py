@@ -26,11 +26,11 @@ def limited(position_share: float, **changes) -> str:
 
 
 def test_the_noise_that_limits_is_named() -> None:
-    assert (
-        "Position noise limits the least known (90 % of the variance): at best h 0.17 %, J 0.16 %; one more bit"
-        in limited(0.9)
+    limits = (
+        "noise limits the least certain parameters (90 % of the variance). Their least standard errors are h 0.17 %"
     )
-    assert "Torque noise limits the least known (90 % of the variance): at best h 0.17 %" in limited(0.1)
+    assert f"Position {limits}, J 0.16 %; with one more bit, " in limited(0.9)
+    assert f"Torque {limits}" in limited(0.1)
 
 
 def test_a_motion_that_ties_parameters_is_named() -> None:

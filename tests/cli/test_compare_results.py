@@ -33,6 +33,8 @@ def other(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_result_agrees_with_itself(result: Path) -> None:
     done = succeed("compare-results", result, result)
     assert "no significant difference" in done.output
+    assert len(done.output.splitlines()) <= 12
+    assert "Base parameters, those that differ most first" in succeed("compare-results", result, result, "-v").output
 
 
 def test_one_that_differs_ends_with_3_and_writes_its_numbers(result: Path, other: Path, tmp_path: Path) -> None:

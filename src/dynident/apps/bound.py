@@ -213,10 +213,10 @@ def _worst_sentences(bound: AccuracyBound) -> Iterator[str]:
             later = (float(100 * bound.std[change][k] / abs(bound.value[k])) for k in members)
             after = join_names(f"{number(size, 2)} %" for size in later)
         share = min(_dominant_noise(bound, k)[2] for k in members)
-        step = "one more bit" if change == "bit" else "ten times its accuracy"
+        step = "one more bit" if change == "bit" else "ten times the accuracy"
         yield (
-            f"{noise.capitalize()} limits the least known ({number(100 * share, 2)} % of the variance): at best "
-            f"{sizes}; {step} gives {after}.{_limit_words(bound, members, limit)}"
+            f"{noise.capitalize()} limits the least certain parameters ({number(100 * share, 2)} % of the variance). "
+            f"Their least standard errors are {sizes}; with {step}, {after}.{_limit_words(bound, members, limit)}"
         )
 
 

@@ -91,9 +91,9 @@ class LoopUnused(Note):
 
     def __str__(self) -> str:
         return (
-            f"columns are named as reference positions ({join_names(map(repr, self.columns), 2)}). With the gains of "
-            "the drives, in the section `simulation`, estimators that simulate the loop apply as well, and the model "
-            "is judged in it."
+            f"columns are named as reference positions ({join_names(map(repr, self.columns), 2)}). Add the gains of "
+            "the controller in a section `simulation`: the verdict then includes a free simulation, and the estimators "
+            "that simulate the control loop can be used."
         )
 
 

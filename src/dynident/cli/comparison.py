@@ -19,7 +19,7 @@ from dynident.cli.options import (
     WorkerOptions,
     add_worker_options,
 )
-from dynident.cli.terminal import console, print_files, print_path, print_paths, status
+from dynident.cli.terminal import console, print_files, print_path, status
 from dynident.runtime import report_progress
 
 if TYPE_CHECKING:
@@ -69,7 +69,14 @@ def compare(
     """Fit the logs of CONFIG (YAML) with each smoother and each estimator, and rank them by the torque error on
     held-out logs; a test tells whether differences are due to chance. Smoother and estimator of CONFIG are included."""
     from dynident.apps import ranking as methods
-    from dynident.apps.ranking.report import ranking_dict, ranking_findings, ranking_heading, ranking_tables
+    from dynident.apps.ranking.report import (
+        MAX_FINDINGS,
+        MAX_ROWS,
+        ranking_dict,
+        ranking_findings,
+        ranking_heading,
+        ranking_tables,
+    )
     from dynident.files.results import claim_json, write_json
 
     claim_json(json_file, config, *((truth,) if truth else ()))
@@ -78,9 +85,10 @@ def compare(
             config, out, smoothers=smoothers, estimators=estimators, truth=truth, folds=folds, executor=executor,
             limits=spread.limits, rerun=rerun)  # fmt: skip
     screen = console()
-    for table in ranking_tables(ranking, *([MAX_VERBOSE_ROWS] if command_log().verbose else [])):
+    rows, findings = (MAX_VERBOSE_ROWS, None) if command_log().verbose else (MAX_ROWS, MAX_FINDINGS)
+    for table in ranking_tables(ranking, rows):
         screen.show(table)
-    for line in ranking_findings(ranking):
+    for line in ranking_findings(ranking)[:findings]:
         screen.say(f"* {line}")
     if json_file:
         print_path(screen, "Numbers", write_json(json_file, ranking_dict(ranking)))
@@ -145,7 +153,7 @@ def compare_results(
     screen = console()
     if json_file:
         print_path(screen, "Numbers", write_json(json_file, numbers))
-    print_paths(screen, ("Numbers", "Report"), written)
+    print_files(screen, written)
     if any(
         comparison.worse or not comparison.comparable or (comparison.differs and not only_worse)
         for comparison in comparisons
@@ -163,9 +171,8 @@ def _show_comparisons(comparisons: list[ResultComparison]) -> None:
         screen.say(headline(comparison), "bold")
         for line in comparison_lines(comparison):
             screen.say(line)
-        screen.say("")
         for table in comparison_tables(comparison):
-            screen.show(table)
+            screen.show(table, detail=True)
 
 
 @click.command(short_help="Identify many logs of many robots, and find changes.")
@@ -188,14 +195,14 @@ def fleet(config: Path, out: Path, rerun: bool, spread: WorkerOptions) -> None:
     for words in fleet_result.warnings:
         print_error(one_line(f"Warning: {words}"))
     screen = console()
-    screen.say(f"{fleet_result.name}: {fleet_heading(fleet_result)}", "bold")
     for table in fleet_tables(fleet_result):
-        screen.show(table)
+        screen.show(table, detail=True)
     for line in fleet_findings(fleet_result):
         screen.say(f"* {line}")
     if known_logs := len(fleet_result.rows) - fleet_result.identified_count:
         screen.remark(f"Logs identified now: {fleet_result.identified_count}; known before: {known_logs}.")
-    print_paths(screen, ("Table", "Report"), (out / TABLE, out / REPORT))
+    print_files(screen, [out / TABLE, out / REPORT])
+    screen.say(f"{fleet_result.name}: {fleet_heading(fleet_result)}", "bold")
     if not fleet_result.histories:
         first_reason = next((f": {reason}" for reason in fleet_result.rows["reason"] if reason), "")
         raise click.ClickException(f"no log has a result{first_reason}")

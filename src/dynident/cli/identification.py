@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from dynident.project.project import Project
 
 MAX_WARNINGS = 3  # of a fit; the others by --verbose
+MAX_LEFT_OUT = 4  # quantities that a file cannot hold, named by export
 
 
 @click.command(short_help="Draft a configuration for your robot and logs.")
@@ -332,9 +333,13 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     if not model_export.ready or model_export.written is None or model_export.proof is None:
         raise ModelError(f"{out}: not written: {model_export.refusal}")
     screen = console()
+    left_out = model_export.written.left_out
+    shown = left_out if command_log().verbose else left_out[:MAX_LEFT_OUT]
+    more = len(left_out) - len(shown)
     for note in (
         *export_notes([replace(model_export, file=out.name)], "listed here"),
-        *(f"Not in the file: {words}" for words in model_export.written.left_out),
+        *(f"Not in the file: {words}" for words in shown),
+        *[f"Not in the file: {more} more; -v lists them."] * bool(more),
         *(f"{words}." for words in model_export.proof.skipped),
     ):
         screen.say(note)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynident.cli.failures import command
-from dynident.cli.terminal import console, print_path, status
+from dynident.cli.terminal import console, print_files, print_path, status
 from dynident.runtime import number
 
 if TYPE_CHECKING:
@@ -48,12 +48,11 @@ def print_servos(written: tuple[ServoIdentification, tuple[Path, ...]], config: 
 
     result, paths = written
     screen = console()
-    screen.show(parameter_table(result))
-    screen.show(rollout_table(result))
+    for table in (parameter_table(result), rollout_table(result)):
+        screen.show(table, detail=True)
     for line in (*suspect_lines(result), *result.warnings):
         screen.remark(f"Warning: {line}", "yellow")
-    for label, path in zip(("Model", "Numbers", "Report"), paths, strict=False):
-        print_path(screen, label, path)
+    print_files(screen, paths)
     if out is None:
         hint = command("identify", config, "--out", f"{config.stem}-out")
         screen.remark(f"To keep this, as a model of MuJoCo with a report: {hint}", no_wrap=True)

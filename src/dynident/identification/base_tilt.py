@@ -72,7 +72,7 @@ class BaseTilt(Note):
                 why += f", but is {angles(*self.steep)}, more than a mounting error"
             uncertainty = f" (+- {dx:.2f} and {dy:.2f} deg about x and y)" if np.isfinite(dx + dy) else ""
             return f"the base is taken as level{uncertainty}{why}"
-        change = f"with it, the training error is {percent(self.after)} instead of {percent(self.before)}"
+        change = f"correcting this lowers the training error from {percent(self.before)} to {percent(self.after)}"
         if max(abs(self.x), abs(self.y)) > MAX_TILT and self.gain is None:
             return f"the base is mounted turned by {angles(self.x, self.y, 2)} (+- {dx:.2f} and {dy:.2f}); {change}"
         return f"the base is tilted by {angles(self.x, self.y, 2)} (+- {dx:.2f} and {dy:.2f}); {change}"

@@ -138,14 +138,14 @@ def link_inertias(identification: Identification) -> tuple[LinkInertia, ...]:
         # Parameters without effect on any torque do not count, unless there are no others.
         counted = [k for k in indices if parameters[k].name not in without_effect] or indices
         kinds = Counter(by[k] for k in counted) if by else Counter({DeterminedBy.DATA: len(indices)})
-        inertia = _inertia(identification.estimate.value[indices])
+        inertia = body_inertia(identification.estimate.value[indices])
         std, sure = _inertia_std(identification, indices, inertia)
         reported = inertia if identification.estimate.provenance else _keep_certain(inertia, sure)
-        links.append(LinkInertia(body.links, place, _inertia(body.theta), reported, std, sure, dict(kinds)))
+        links.append(LinkInertia(body.links, place, body_inertia(body.theta), reported, std, sure, dict(kinds)))
     return tuple(links)
 
 
-def _inertia(theta: Array) -> BodyInertia | None:
+def body_inertia(theta: Array) -> BodyInertia | None:
     """Return ten parameters (10) in physical terms, None where there are none, or no mass."""
     if not np.isfinite(theta).all() or theta[0] == 0:
         return None

@@ -83,8 +83,8 @@ class TimeOffset(Note):
         late = ", which is more than filters and buses take: look for two clocks or a buffer"
         cause = self._filter if is_usual else late
         return (
-            f"{lagging} are stamped {size} ms later than {leading}{cause}; with it, the training error is "
-            f"{percent(self.after)} instead of {percent(self.before)}"
+            f"{lagging} are stamped {size} ms later than {leading}{cause}; correcting this lowers the "
+            f"training error from {percent(self.before)} to {percent(self.after)}"
         )
 
     @property

@@ -186,10 +186,10 @@ def test_sentences_say_what_differs_and_what_is_worse() -> None:
     lines = comparison_lines(found)
     assert lines[0].startswith("1 of 3 base parameters that both determine differs significantly by itself (level 1 %")
     assert lines[1].startswith("All together: chi-squared = ")
-    assert any("fitted to monday: their errors are not independent" in one for one in lines)
+    assert any("fitted to monday and share its noise" in one for one in lines)
     assert "Torque error on tuesday (held out): 2.4 % against 2 %: 20 % more, beyond the 5 % allowed." in lines
     assert "Verdict: do not use, where one is good for control." in lines
-    assert "Written and proven with one, but not with two: arm.urdf." in lines
+    assert "Written and verified with one, but not with two: arm.urdf." in lines
     assert "Of two, no longer there as written: arm.urdf." in lines
 
 

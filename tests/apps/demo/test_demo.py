@@ -256,8 +256,9 @@ def test_a_fit_is_near_the_truth_and_the_file_is_not(found: Identification) -> N
 def test_values_have_their_names_and_units(found: Identification) -> None:
     offset = TimeOffset(-0.002, 3.0, 2.0, 0.0005)
     values = {one.name: one for one in compare_with_truth(replace(found, calibration=Calibration(None, offset))).values}
-    assert (values["time offset"].estimate, values["time offset"].true) == pytest.approx((-2.0, -3.0))
-    assert values["time offset"].std == pytest.approx(0.5)
+    lag = values["torque stamped later by"]
+    assert (lag.estimate, lag.true) == pytest.approx((2.0, 3.0))
+    assert lag.std == pytest.approx(0.5)
     assert values["Fv_elbow"].unit == "N m s/rad"
     assert values["Fc_wrist_roll"].true == 0.25
     assert values["gravity, arm stretched out"].unit == "N m"

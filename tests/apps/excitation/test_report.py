@@ -158,7 +158,7 @@ def test_parameters_are_counted_by_how_well_they_will_be_known() -> None:
     assert "2 will be known well (to 10 %), 2 fairly (to 30 %) and 1 poorly" in longer
     assert worst.startswith(f"The least known is {designed()[1].expected.basis.groupings[4].split(' ')[0]}")
     assert "2.00 +- 4.0" in worst
-    assert f"Of the other {len(designed()[1].expected.std) - 5}" in rest
+    assert f"The other {len(designed()[1].expected.std) - 5}, such as friction, have no nominal value" in rest
     assert others == []
 
 

@@ -35,6 +35,7 @@ from tests.report.test_page import Outline
 
 START = datetime(2026, 1, 5)
 MARKS = (Mark(3.0, "step", (2.0, 3.0)),)
+LOST = "1 of 201 logs has no result: 1 timed out. For example logs/late.parquet: longer than 5 s."
 
 
 def course(logs=8, robot="arm", marks=MARKS, **changes):
@@ -227,13 +228,13 @@ def test_what_changed_comes_first_the_worst_before_all(found):
     assert wear.endswith(" (+0.949 in 100 days).")
     assert offset.startswith("arm-2: offset of elbow changed on 2026-05-15 (at once or slowly: the logs do not tell): ")
     assert offset.endswith("offset_elbow by -0.400 +- 0.050 N m.")
-    assert (few, lost) == ("Too few logs to find changes: new.", "1 of 201 logs has no result: 1 timed out.")
+    assert (few, lost) == ("Too few logs to find changes: new.", LOST)
     assert fleet_heading(found) == "201 logs of 10 robots, 2026-01-06 to 2026-11-01."
 
 
 def test_the_page_says_the_rate_of_false_alarms_and_draws_what_changed(page):
     text = re.sub(r"\s+", " ", own(page)).replace("\u00a0", " ")
-    rate = "Of 10 robots, in which nothing changes, 0.10 would be listed here by chance (1 %)."
+    rate = "Of 10 robots without a change, 0.10 would be listed here by chance (1 %)."
     # "step or drift": where the odds do not tell
     for words in ("3 robots changed", rate, "200 of 201", "step or drift", "± 0.050 kg", "Robots of type ur10"):
         assert words in text
@@ -303,7 +304,7 @@ def test_a_quiet_fleet():
     assert "Robots that changed" not in page
     assert len(fleet_tables(quiet)) == 2
     unknown = replace(quiet, changes=())
-    assert fleet_findings(unknown) == ["1 of 201 logs has no result: 1 timed out."]
+    assert fleet_findings(unknown) == [LOST]
     assert "too few logs to say" in fleet_page(unknown)
 
 
@@ -351,7 +352,7 @@ def test_many_changes_are_counted_and_few_are_drawn():
     made = fleet(60, 8)
     some = [change(one, FRICTION, ChangeShape.STEP, 4, [1.0, 0.0]) for one in made.histories]
     made = replace(made, changes=(Changes(0.01, tuple(some), {one.robot: 0.0 for one in some}, (), NONE),))
-    assert "There are 52 more changes; the table has them." in fleet_findings(made)
+    assert "The table of the report has 54 more changes." in fleet_findings(made)
     page = own(fleet_page(made))
     assert "The changes of 20 more robots are in the table above only." in page
     assert len(fleet_tables(made)[0].rows) == 20

@@ -27,6 +27,7 @@ def test_init_and_identify_with_nothing_edited(folder, monkeypatch) -> None:
     assert "identify servos.yaml --out" in drafted.output.replace("\n", " ")
     assert "kp: 17.8, limit: 3.35" in (folder / "servos.yaml").read_text()
     done = run("identify", "servos.yaml", "--out", "out")
+    assert len(done.output.splitlines()) <= 12
     assert done.exit_code == 0, done.output
     assert "good for simulation" in done.output
     numbers = json.loads((folder / "out" / "servo.json").read_text())

@@ -170,7 +170,7 @@ def test_the_fit_is_shown_beside_that_of_the_last_setting(session: Session) -> N
     assert any(sign in words(shown[1]) for sign in "▼▲")
     assert words(parameters) != words(shown[3])
     assert page.fit("?degree=x", last, "tab")[4] == WRONG
-    assert "make it one of training, too" in words(numbers)  # a held-out error by which settings are chosen
+    assert "A held-out error by which many settings are chosen becomes too small" in words(numbers)
     assert "faster estimator" not in words(numbers)
     fast = replace(page.bench.fit(page.bench.start), exact=False)
     assert "a faster estimator, in place of the one that is chosen" in words(readout.numbers(fast, None))

@@ -32,7 +32,7 @@ def at_floor(floors):
 
 def test_the_error_over_what_the_sensors_allow_comes_first():
     first, second, *_ = head_numbers(at_floor({"shoulder": AT, "elbow": AT}))
-    assert first == ("1.02 ×", "error relative to sensor noise", "at the noise floor")
+    assert first == ("1.02 ×", "torque error relative to noise", "at the noise floor")
     assert second[:2] == ("5.10 %", "torque error, held out")
     (first, *_) = head_numbers(at_floor({"shoulder": ABOVE}))
     assert first[2] == "at most, by white noise alone; 1 of 2 joints"

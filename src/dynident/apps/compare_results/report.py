@@ -135,8 +135,8 @@ def _parameter_lines(diff: ResultComparison) -> Iterator[str]:
         yield f"{alone} of {reference.name} cannot be compared: {other.name} does not determine {them}."
     if diff.shared_training:
         yield (
-            f"Both were fitted to {join_names(diff.shared_training, 3)}: their errors are not independent, so that "
-            "differences are known better than is tested here."
+            f"Both were fitted to {join_names(diff.shared_training, 3)} and share its noise: differences are more "
+            "accurate than this test assumes."
         )
 
 
@@ -169,7 +169,7 @@ def _use_lines(diff: ResultComparison) -> Iterator[str]:
 def _export_lines(diff: ResultComparison) -> Iterator[str]:
     if diff.lost_exports and diff.second.exports:
         files = join_names(diff.lost_exports, 4)
-        yield f"Written and proven with {diff.first.name}, but not with {diff.second.name}: {files}."
+        yield f"Written and verified with {diff.first.name}, but not with {diff.second.name}: {files}."
     for result in (diff.first, diff.second):
         gone = [export.file for export in result.exports if export.there is False]
         if gone:
@@ -189,7 +189,7 @@ def overview_table(results: Sequence[ComparedResult]) -> PageTable:
         )
         for result in results
     )
-    numbers = map(Column, ("held out, %", "training, %", "base parameters", "files proven"))
+    numbers = map(Column, ("held out, %", "training, %", "base parameters", "files verified"))
     return PageTable((Column("result", numeric=False), Column("verdict", numeric=False), *numbers), rows)
 
 
@@ -286,8 +286,8 @@ def _export_table(diff: ResultComparison) -> PageTable:
         identical = "yes" if len(hashes) == 1 and None not in pair else "no"
         rows.append((file, *cells[0], *cells[1], identical))
     names = (diff.first.name, diff.second.name)
-    columns = [Column(title, name, numeric=False) for name in names for title in ("proven", "SHA-256")]
-    caption = "Files of the model: proven by loading them again, and the beginning of their hash"
+    columns = [Column(title, name, numeric=False) for name in names for title in ("verified", "SHA-256")]
+    caption = "Files of the model, verified by reloading, and the beginning of their hash"
     return PageTable((Column("file", numeric=False), *columns, Column("same", numeric=False)), tuple(rows), caption)
 
 
@@ -304,11 +304,10 @@ def comparison_page(comparisons: Sequence[ResultComparison]) -> str:
 
 
 def _section(diff: ResultComparison) -> PageSection:
-    blocks: list[PageBlock] = [f"{headline(diff)}.", comparison_lines(diff)]
+    blocks: list[PageBlock] = [comparison_lines(diff), *comparison_tables(diff)]
     if diff.base:
         caption = "Differences of base parameters in their standard errors; the band holds 95 % of what chance makes."
-        blocks.append(Figure(difference_figure(diff), caption))
-    blocks += comparison_tables(diff)
+        blocks.insert(0, Figure(difference_figure(diff), caption))
     if diff.base:
         blocks.append(Fold(f"All {len(diff.base)} base parameters", (_base_table(diff, short=False),)))
     return PageSection(f"{diff.second.name} beside {diff.first.name}", tuple(blocks), _badge(diff))

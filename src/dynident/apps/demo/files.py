@@ -213,7 +213,9 @@ def _compared_values(identification: Identification) -> tuple[ComparedValue, ...
     offset, tilt = identification.calibration.time_offset, identification.calibration.base_tilt
     if offset is not None:
         std = None if offset.std is None else 1e3 * offset.std
-        lines.append(ComparedValue("time offset", 1e3 * offset.seconds, 1e3 * truth.time_offset, std, "ms"))
+        lines.append(
+            ComparedValue("torque stamped later by", -1e3 * offset.seconds, -1e3 * truth.time_offset, std, "ms")
+        )
     if tilt is not None:
         for axis, *angles in zip("xy", (tilt.x, tilt.y), truth.tilt, tilt.std, strict=True):
             value, true, std = np.rad2deg(angles).tolist()

@@ -258,8 +258,8 @@ def expected_findings(design: Design) -> Iterator[str]:
             )
     if unsized := len(info.std) - len(shares):
         yield (
-            f"Of the other {unsized}, such as friction that the robot file does not say, there are standard errors in "
-            "their units alone."
+            f"The other {unsized}, such as friction, have no nominal value in the robot file: their standard errors "
+            "are given in their units."
         )
     if (prior_info := _known_before(design)) is not None:
         yield from _gain_sentences(info, prior_info)

@@ -22,6 +22,7 @@ from dynident.apps.fleets.figures import robots_figure, trend_figure
 from dynident.regression import GroupKind
 from dynident.report.page import (
     Badge,
+    Beside,
     Column,
     Facts,
     Figure,
@@ -48,21 +49,20 @@ REPORT = "report.html"  # of a log, in its folder
 MAX_LOGS, MIN_ROBOT_LOGS, MAX_ROBOTS, MAX_FAILED = 2000, 5, 300, 200
 MAX_REASON_LENGTH = 200  # letters of a reason
 Row = Mapping[str, Any]
-MAX_SENTENCES, MAX_TABLE_ROWS = 8, 200  # changes in sentences, and in the table
+MAX_SENTENCES, MAX_TABLE_ROWS = 6, 200  # changes in sentences, and in the table
 # robots whose changes are drawn, those of them that are not folded, panels of a change
 MAX_DRAWN_ROBOTS, MAX_OPEN_ROBOTS, MAX_PANELS = 40, 8, 4
 MAX_SIDE_BY_SIDE, MAX_GROUP_PARAMETERS = 48, 4  # robots, and parameters of a group, that are drawn side by side
 MAX_TERMINAL_ROWS = 20  # rows of a table in a terminal
 _CHANGES = (
     "A change is reported where it is larger than what standard errors and the scatter from log to log explain. Of "
-    "{tested}, in which nothing changes, {expected} would be listed here by chance ({rate}). A step comes at once, "
-    "a drift with time; +- is one standard error, and a p-value the share of robots without a change that would "
-    "show as much."
+    "{tested} without a change, {expected} would be listed here by chance ({rate}). A step is sudden, a drift "
+    "gradual; +- is one standard error. The p-value is the share of robots without a change that would show as much."
 )
 _COURSES = (
-    "Each point is one log with its 95 % interval, which counts the scatter from log to log; all else is as in the "
-    "mean of the robot's logs. A residual is the root mean square of the torque that the model leaves. The line is "
-    "what was found, dashed where it begins; where there is a pale strip, it may have begun anywhere in it (95 %)."
+    "Each point is one log with its 95 % interval, which includes the scatter from log to log; all other parameters "
+    "are at the mean of the robot's logs. A residual is the root mean square of the torque that the model leaves. The "
+    "solid line is the change that was found, the dashed line its start, a pale strip the 95 % interval of the start."
 )
 
 
@@ -195,7 +195,7 @@ def fleet_page(fleet: FleetResult) -> str:
     changes = sort_by_severity(_all_changes(fleet))
     robots = _trends_by_robot(fleet, changes)
     sections = [
-        PageSection("What changed", tuple(_summary(fleet, changes)), _badge(fleet, changes)),
+        PageSection("What changed", tuple(_summary(fleet, changes, robots)), _badge(fleet, changes)),
         *_changed_section(fleet, robots),
         *_all_section(fleet, robots),
         *pooled_sections(fleet),
@@ -216,10 +216,15 @@ def fleet_findings(fleet: FleetResult) -> list[str]:
         change_words(change, fleet.start, robots[change.robot].mean_values(change.group)) for change in reported
     ] or quiet
     if len(changes) > MAX_SENTENCES:
-        lines.append(f"There are {count(len(changes) - MAX_SENTENCES, 'more change')}; the table has them.")
+        lines.append(f"The table of the report has {count(len(changes) - MAX_SENTENCES, 'more change')}.")
     if silent := [robot for type_changes in fleet.changes for robot in type_changes.silent]:
         lines.append(f"Too few logs to find changes: {join_names(silent)}.")
-    return [*lines, *filter(None, [failure_words(log_rows(fleet))])]
+    rows = log_rows(fleet)
+    for row in failed_rows(rows)[:1]:
+        lines.append(
+            f"{failure_words(rows)} For example {row['log']}: {_shorten_reason(row['reason'] or 'no reason')}."
+        )
+    return lines
 
 
 def fleet_tables(fleet: FleetResult) -> list[PageTable]:
@@ -249,7 +254,7 @@ def _badge(fleet: FleetResult, changes: Sequence[Change]) -> Badge:
     return Badge(f"{count(robots, 'robot')} changed", "bad") if robots else Badge("no change", "good")
 
 
-def _summary(fleet: FleetResult, changes: Sequence[Change]) -> Iterator[PageBlock]:
+def _summary(fleet: FleetResult, changes: Sequence[Change], trends: Mapping[str, RobotTrends]) -> Iterator[PageBlock]:
     rows = log_rows(fleet)
     robots, lost = len({row["robot"] for row in rows}), len(failed_rows(rows))
     tested = sum(len(type_changes.p_values) for type_changes in fleet.changes)
@@ -260,7 +265,9 @@ def _summary(fleet: FleetResult, changes: Sequence[Change]) -> Iterator[PageBloc
     if fleet.changes:
         facts.append((percent(100 * fleet.changes[0].rate), "false alarms", "of robots in which nothing changes"))
     yield Facts(tuple(facts))
-    yield tuple(fleet_findings(fleet))
+    findings = tuple(fleet_findings(fleet))
+    worst = next((robot for robot in trends.values() if robot.all_changes), None)
+    yield findings if worst is None else Beside((findings,), (next(_change_figures(worst, fleet)),), "left")
     if fleet.warnings:
         yield fleet.warnings
     if changes:
@@ -325,7 +332,7 @@ def _changed_section(fleet: FleetResult, robots: Mapping[str, RobotTrends]) -> I
         yield PageSection("Robots that changed", tuple(blocks))
 
 
-def _change_figures(trends: RobotTrends, fleet: FleetResult) -> Iterator[PageBlock]:
+def _change_figures(trends: RobotTrends, fleet: FleetResult) -> Iterator[Figure]:
     """Yield a figure for each group that changed, with the parameters that did."""
     groups: dict[str, list[Change]] = {}
     for change in trends.all_changes:

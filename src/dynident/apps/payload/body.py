@@ -348,7 +348,7 @@ class SameRecording(Note):
     source: str
 
     def __str__(self) -> str:
-        return f"{self.source}: the result was made from it, so it counts there and is left out here"
+        return f"{self.source}: the result was identified from this recording already, so it is not used again"
 
 
 def mass_bound(mass: float, std: float) -> str:

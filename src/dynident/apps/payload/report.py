@@ -9,9 +9,24 @@ import numpy as np
 
 from dynident.apps.payload.body import Component, NoPayload, mass_bound
 from dynident.apps.payload.estimate import ErrorSource
+from dynident.files.meshes import result_geometry
+from dynident.identification.links import body_inertia, rigid_bodies
+from dynident.models import INERTIAL
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, INK, RED, VIOLET, panels, trace
-from dynident.report.page import UNIT, Column, Facts, Figure, PageBlock, PageSection, PageTable, pair_table, render
+from dynident.report.identification.robot import payload_view
+from dynident.report.page import (
+    UNIT,
+    Beside,
+    Column,
+    Facts,
+    Figure,
+    PageBlock,
+    PageSection,
+    PageTable,
+    pair_table,
+    render,
+)
 from dynident.runtime import capitalise, number, number_within
 
 if TYPE_CHECKING:
@@ -129,10 +144,11 @@ def payload_page(payload: Payload, arm: Identification) -> str:
     if payload.is_significant:
         drawing = payload_figure(payload, {source.value: source.words for source in ErrorSource})
         error_blocks.append(Figure(drawing, "Shares of the variance of each component."))
+    head: tuple[PageBlock, ...] = (payload_words(payload), payload_table(payload))
+    if view := _arm_view(payload, arm):
+        head = (Beside(head, (view,), "left"),)
     sections = [
-        PageSection(
-            "What the arm carries", (Facts(tuple(facts)), payload_words(payload), payload_table(payload), _METHOD_NOTE)
-        ),
+        PageSection("What the arm carries", (Facts(tuple(facts)), *head, _METHOD_NOTE)),
         PageSection("Warnings", (notes or "None.",)),
         PageSection("Where the errors come from", tuple(error_blocks)),
         PageSection("Torque", tuple(torque_table(payload)) or ("Two results are compared: no recording is here.",)),
@@ -142,6 +158,18 @@ def payload_page(payload: Payload, arm: Identification) -> str:
     return render(
         f"Payload of {arm.model.name}", f"On {payload.mount.frame}, moved by {payload.mount.joint}.", sections
     )
+
+
+def _arm_view(payload: Payload, arm: Identification) -> Figure | None:
+    """Return the arm with the payload; None where there is none, or no robot file."""
+    bodies, geometry = rigid_bodies(arm), result_geometry(arm)
+    if bodies is None or geometry is None or not payload.is_significant:
+        return None
+    name, added = payload.mount.body, payload.mount.transform @ payload.value
+    theta = added[[parameter.body == name and parameter.role in INERTIAL for parameter in arm.model.parameters]]
+    place = next(k for k, body in enumerate(bodies.arm.bodies) if body.name == name)
+    inertia = body_inertia(theta)
+    return None if inertia is None else payload_view(bodies, geometry, place, inertia)
 
 
 def _settings(payload: Payload, arm: Identification) -> Iterator[PageBlock]:

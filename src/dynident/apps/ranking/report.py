@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dynident.apps.ranking.ranking import RankedCombination, Ranking
     from dynident.runtime import Finding
 
-MAX_ROWS = 4  # rows of a ranking in a terminal
+MAX_ROWS, MAX_FINDINGS = 3, 2  # rows and sentences of a ranking in a terminal
 MAX_NAMED = 4  # combinations that a sentence names
 MIN_SHOWN_RATIO = 1e-4  # share of an error that is shown as zero
 # % of the samples of a log in common, below which the smoother that leaves out most is looked for
@@ -244,11 +244,12 @@ def _gap_lines(ranking: Ranking) -> Iterator[str]:
 
 
 def ranking_tables(ranking: Ranking, max_rows: int = MAX_ROWS) -> Iterator[PageTable]:
-    """Yield a table of at most so many rows for a terminal, and the row of the configuration."""
+    """Yield a table of at most so many rows for a terminal, of which the last is that of the configuration."""
     top = ranking.standings[:max_rows]
     configured = ranking.configured_entry
     extra = [configured] if configured is not None and configured not in top and math.isfinite(configured.error) else []
     if top:
+        top = top[: max_rows - len(extra)]
         rows = tuple(_short_row(ranking, row) for row in (*top, *extra))
         columns = (
             Column("smoother", numeric=False),
@@ -260,7 +261,7 @@ def ranking_tables(ranking: Ranking, max_rows: int = MAX_ROWS) -> Iterator[PageT
             Column("", numeric=False),
         )
         omitted = len(ranking.standings) - len(top)
-        caption = f"Ranked by {_basis_words(ranking)}" + (f"; {omitted} more have larger errors" if omitted > 0 else "")
+        caption = f"Ranked by {_basis_words(ranking)}" + (f"; {omitted} more with larger errors" if omitted > 0 else "")
         yield PageTable(columns, rows, caption)
 
 

@@ -15,7 +15,19 @@ from dynident.apps.servo.values import FRICTION, Entry, Quantity
 from dynident.project.result_format import SERVO_FORMAT, SERVO_VERSION
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, INK, curve, panels
-from dynident.report.page import UNIT, Badge, Column, Facts, Figure, Fold, Gallery, PageSection, PageTable, render
+from dynident.report.page import (
+    UNIT,
+    Badge,
+    Beside,
+    Column,
+    Facts,
+    Figure,
+    Fold,
+    Gallery,
+    PageSection,
+    PageTable,
+    render,
+)
 from dynident.report.page import pair_table as pairs
 from dynident.runtime import number
 
@@ -112,6 +124,13 @@ def servo_page(result: ServoIdentification) -> str:
             (f"{len(fit.entries)}", "values fitted"),
         )
     )
+    judged = [rollout for rollout in result.rollouts if rollout.role == "validation"] or result.rollouts
+    worst = max(judged, key=lambda rollout: float(rollout.error.max()))
+    k = int(worst.error.argmax())
+    picture = Figure(
+        _drawing(worst, k, bool(fit.values.takes_torque[k])),
+        f"The worst joint: {result.joints[k].name} on {worst.log.name}.",
+    )
     views = tuple(
         (
             (f"{r.log.name} ({r.role})", joint.name),
@@ -127,7 +146,7 @@ def servo_page(result: ServoIdentification) -> str:
         "act alike: it is their sum. An error of kp that no gravity or inertia shows is in all values of the joint."
     )
     sections = [
-        PageSection("Verdict", (verdict_words(result), facts), badge),
+        PageSection("Verdict", (Beside((verdict_words(result), facts), (picture,)),), badge),
         PageSection("Warnings", (notes or "None.",)),
         PageSection("Values", (parameter_table(result), method)),
         PageSection("Rollouts beside the measurement", (Gallery(("recording", "joint"), views), rollout_table(result))),

@@ -26,10 +26,7 @@ if TYPE_CHECKING:
 
 ROLES = {"train": "training", "validation": "held out"}
 MIN_ERROR_CHANGE = 5e-3  # points of an error that are no difference
-HELD_OUT = (
-    "Choose by the cross-validated error: it is of the training, over what is fitted. Settings that are chosen by the "
-    "held-out error make it one of training, too."
-)
+HELD_OUT = "Choose by the cross-validated error. A held-out error by which many settings are chosen becomes too small."
 STAND_IN = (
     "Errors and torque are those of a faster estimator, in place of the one that is chosen; the verdict, and the "
     "parameters that come with it, are by the one chosen."

@@ -60,10 +60,10 @@ def _floor_ratio(log: LogValidation) -> Iterator[tuple[str, ...]]:
         return
     white = any(floor.origin is FloorOrigin.WHITE for floor in log.floors.values())
     coverage = f"; {len(log.floors)} of {len(log.errors.rmse)} joints" * (len(log.floors) < len(log.errors.rmse))
-    how = "at most, by white noise alone" if white else "noise seen by repeated motion"
+    how = "at most, by white noise alone" if white else "noise from repeated motion"
     yield (
         f"{number(log.over_floor, 3 if log.over_floor < 1.5 else 2)} ×",
-        "error relative to sensor noise",
+        "torque error relative to noise",
         "at the noise floor" if log.at_floor else f"{how}{coverage}",
     )
 

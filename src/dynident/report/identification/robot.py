@@ -125,13 +125,37 @@ def robot_view(identification: Identification, geometry: Geometry | None = None)
     still = [*(root_surface(shape) for shape in shapes if shape.body < 0), *_legend_keys(links)]
     if not moving:
         return None
-    figure = scene_figure(bodies, _recording_replays(identification), moving, still)
+    caption = f"How most parameters of a link are determined: {_meanings(links)}"
+    return _small_view(bodies, _recording_replays(identification), moving, still, caption)
+
+
+def payload_view(bodies: RigidBodies, geometry: Geometry, place: int, payload: BodyInertia) -> Figure | None:
+    """Return a small view of an arm, all joints at zero, with a payload on the body at ``place`` of ``Arm.bodies``.
+
+    The payload is given in the joint frame of that body; None where no body can have its inertia.
+    """
+    if payload.ellipsoid is None:
+        return None
+    shapes = _cached_outlines(geometry)
+    solid = Ellipsoid(place, payload.centre, payload.ellipsoid, payload.axes, AMBER)
+    moving = [*_surface_traces(bodies, (), shapes), solid_ellipsoids([solid], "payload")]
+    still = [*(root_surface(shape) for shape in shapes if shape.body < 0), legend_key("payload", AMBER)]
+    pose = Replay("", 0.0, 0.0, np.zeros((1, len(bodies.joints))))
+    caption = "The payload on the arm, as an ellipsoid of even density with its mass and inertia; all joints at zero."
+    return _small_view(bodies, [pose], moving, still, caption)
+
+
+def _small_view(
+    bodies: RigidBodies, replays: Sequence[Replay], moving: Sequence[MovingTrace], still: Sequence[Trace], caption: str
+) -> Figure:
+    """Return a view without axes and controls, from a camera near the arm."""
+    figure = scene_figure(bodies, replays, moving, still)
     figure.layout.update(height=SMALL_VIEW_HEIGHT, showlegend=True, legend=LEGEND, margin={**NO_MARGIN, "b": 26})
     scene = figure.layout["scene"]
     scene["camera"] = _camera_towards(figure.data[: len(moving)], scene)
     for axis in "xyz":
         scene[f"{axis}axis"]["visible"] = False
-    return Figure(figure, f"How most parameters of a link are determined: {_meanings(links)}", player=False)
+    return Figure(figure, caption, player=False)
 
 
 def _camera_towards(arm: Sequence[Trace], scene: dict[str, Any]) -> dict[str, Any]:
@@ -143,7 +167,9 @@ def _camera_towards(arm: Sequence[Trace], scene: dict[str, Any]) -> dict[str, An
     middle = ((low + high) - (start + stop)) / (2 * extent)
     side = np.array([scene["camera"]["eye"][axis] for axis in "xyz"])
     away = CAMERA_DISTANCE * float(np.linalg.norm(high - low)) / extent * side / np.linalg.norm(side)
-    return {key: dict(zip("xyz", at.tolist(), strict=True)) for key, at in (("center", middle), ("eye", middle + away))}
+    places = {"center": middle, "eye": middle + away}
+    # Adding zero makes a rounded -0 plain
+    return {key: dict(zip("xyz", (np.round(at, 6) + 0.0).tolist(), strict=True)) for key, at in places.items()}
 
 
 @lru_cache(maxsize=1)

@@ -22,7 +22,7 @@ from dynident.report.identification import (
     run_figure,
     torque_figure,
 )
-from dynident.report.identification.head import summary_lines
+from dynident.report.identification.head import error_lines
 from dynident.report.identification.parameters import terminal_parameters
 from dynident.report.identification.report import verdict_text
 from dynident.report.identification.validation import error_table
@@ -209,7 +209,7 @@ def _summary_lines(identification: Identification) -> Iterator[str]:
     yield f"<Identification of {identification.model.name!r}" + (f": {verdict.use.value}" if verdict else "")
     if verdict and verdict.use is Use.DO_NOT_USE:
         yield f"  {_shorten(str(verdict.reasons[0]))}"
-    yield from (f"  {line}" for line in summary_lines(identification) if line.startswith("Torque"))
+    yield from (f"  {line}" for line in error_lines(identification))
     estimate = identification.estimate
     rows = zip(estimate.names, estimate.value, identification.errors.std, estimate.units, strict=True)
     ordered = sorted(rows, key=lambda row: not np.isfinite(row[2]))  # what the data determine first

@@ -140,12 +140,17 @@ def _joint_errors(log: LogValidation) -> dict[str, float]:
     return dict(log.errors.per_joint_filtered or log.errors.per_joint)
 
 
-def summary_lines(identification: Identification) -> Iterator[str]:
-    """Yield the torque errors of training and held-out logs, unfiltered, and the worst joint."""
+def error_lines(identification: Identification) -> Iterator[str]:
+    """Yield the torque errors of training and held-out logs, unfiltered."""
     for role, word in ROLES.items():
         if logs := logs_of(identification, role):
             errors = (f"{log.name} {number(log.errors.relative_error, 3)} %" for log in logs)
             yield f"Torque error, {word}: {join_names(errors, MAX_LISTED)}"
+
+
+def summary_lines(identification: Identification) -> Iterator[str]:
+    """Yield the torque errors, and the worst joint."""
+    yield from error_lines(identification)
     if len(identification.model.joints) > 1 and (worst := worst_joint(identification)) is not None:
         log, joint = worst
         judged = f" ({number(_joint_errors(log)[joint], 3)} % after the low-pass)" * bool(log.errors.per_joint_filtered)

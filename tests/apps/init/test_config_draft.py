@@ -100,6 +100,16 @@ def test_usual_limits_of_a_known_arm_are_offered_as_comments(arm, tmp_path, monk
     assert yaml.safe_load(wanted)["excitation"]["limits"] == limits
 
 
+def test_commanded_torques_beside_commanded_positions_are_asked_about(arm, tmp_path):
+    changes = {"shoulder.effort": None, "elbow.effort": None, "finger.command": np.full(N, 0.02)}
+    write(tmp_path / "a.csv", **changes, **{"elbow.command": np.sin(3 * T)})
+    assert "commanded torques" not in run("init", "arm.urdf", "a.csv").output
+    write(tmp_path / "b.csv", **changes, **{"elbow.command": np.sin(3 * T), "elbow.cmd_effort": np.cos(T)})
+    assert (
+        "simulation: 'elbow.cmd_effort': commanded torques" in run("init", "arm.urdf", "b.csv", "-o", "b.yaml").output
+    )
+
+
 def test_a_single_log_is_cut_in_two(arm, tmp_path):
     write(tmp_path / "a.csv", time=T + 100)
     assert run("init", arm, "a.csv", "-o", "sub/two.yaml").exit_code == 0

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dynident.apps.init.column_mapping import ChannelProposal, ColumnMapping, widths
 from dynident.apps.init.match import MovableJoint
-from dynident.apps.init.servo_draft import GAIN_QUESTION, servo_section, servos_of_file
+from dynident.apps.init.servo_draft import GAIN_QUESTION, TORQUE_ADVICE, servo_section, servos_of_file
 from dynident.files.opener import relative
 from dynident.files.ros import BAGS
 from dynident.files.tables import DataTable, read_columns
@@ -23,7 +23,7 @@ from dynident.files.yaml_text import UNPRINTABLE, yaml_name
 from dynident.identification import moving_span
 from dynident.motion.log import Log
 from dynident.project.arms import find_arm
-from dynident.project.columns import is_commanded
+from dynident.project.columns import is_commanded, read_name
 from dynident.project.fields import UNITS
 from dynident.project.logs import read_recording
 from dynident.project.settings import LogSpec
@@ -145,6 +145,9 @@ def draft_config(
         page.lines.extend(lines)
         if asked:
             page.ask("simulation.joints", f"{join_names(asked)}: {GAIN_QUESTION}")
+        names = [joint.name for joint in joints]
+        if torques := [column for column in mapping.unused if read_name(column, names).role == "torque"]:
+            page.ask("simulation", f"{join_names(map(repr, torques), 3)}: {TORQUE_ADVICE}")
     else:
         _write_channels(page, "torque", mapping.torque, mapping)
     _write_unused(page, mapping, sources[0].table)

@@ -21,6 +21,9 @@ from dynident.runtime import DynidentError
 if TYPE_CHECKING:
     from dynident.apps.init.column_mapping import ChannelProposal
 
+TORQUE_ADVICE = (
+    "commanded torques; if the drives follow them (torque control), name them under `torque` and delete `simulation`"
+)
 GAIN_QUESTION = (
     "kp (N m/rad) is not in the robot file: give that of the servo, by its data sheet or firmware; `estimate` finds it "
     "by masses and inertias of the file, which must be right"

@@ -1,0 +1,59 @@
+"""Which of several good laws enters: the simplest that is as good as the best, and the better one of the same cause."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynident.identification.terms.candidates import TermTrial, TrialOutcome, library_kinds
+from dynident.identification.terms.search import JointSearch, TermEntry, TermGroup, _TrialResult
+from dynident.models import Joint
+from dynident.models.friction import Coulomb
+
+EVEN, WAVE = np.full(16, 1.0), np.tile([-1.0, 1.0], 8)  # of gain in each block of time
+ENTERED, WITHIN_ERROR = TrialOutcome.ENTERED, TrialOutcome.WITHIN_ERROR
+
+
+def result(name: str, gains: np.ndarray, outcome: TrialOutcome = ENTERED) -> _TrialResult:
+    """Return a trial of a kind with gains (16), of which the size does not matter."""
+    kind = next(kind for kind in library_kinds() if kind.name == name)
+    group = TermGroup(kind, (Coulomb((Joint("j1"),)),), ((0,),))
+    spread = 4.0 * float(gains.std(ddof=1))
+    return _TrialResult(TermTrial("j1", name, (), float(gains.sum()), spread, outcome), gains, TermEntry(group, 0))
+
+
+class ScriptedSearch(JointSearch):
+    """A search in which dry friction has entered, whose trials are given, once."""
+
+    def __init__(self, *results: _TrialResult) -> None:
+        super().__init__("j1", None, tuple(x.entered.group for x in results), None, 1.0)
+        self.entered, self.results = [result("coulomb", EVEN).entered], list(results)
+
+    def _try_groups(self, *_, **__) -> list[_TrialResult]:
+        results, self.results = self.results, []
+        return results
+
+    def _resize(self, _) -> None:
+        """Leave the sizes."""
+
+
+@pytest.mark.parametrize(
+    ("results", "entered"),
+    [
+        (
+            [result("load_coulomb", 3 * EVEN), result("dahl", 3.01 * EVEN + 0.1 * WAVE)],
+            "load_coulomb",
+        ),  # the simpler one
+        ([result("load_coulomb", EVEN), result("dahl", 3 * EVEN)], "dahl"),
+        # a gain of few blocks counts where a law of the same cause is sure, not beside another, nor if it is less
+        ([result("load_coulomb", 30 * np.eye(16)[2], WITHIN_ERROR), result("load_dahl", EVEN)], "load_coulomb"),
+        ([result("load_coulomb", 30 * np.eye(16)[2], WITHIN_ERROR), result("dahl", EVEN)], "dahl"),
+        ([result("load_viscous", 30 * np.eye(16)[2], WITHIN_ERROR), result("load_dahl", EVEN)], "load_dahl"),
+        ([result("load_coulomb", 9 * np.eye(16)[2], WITHIN_ERROR), result("load_dahl", EVEN)], "load_dahl"),
+        ([result("load_coulomb", 30 * np.eye(16)[2], WITHIN_ERROR)], "coulomb"),
+    ],
+)
+def test_what_enters(results, entered) -> None:
+    search = ScriptedSearch(*results)
+    search.forward(None)
+    assert search.entered[-1].group.kind.name == entered

@@ -43,7 +43,7 @@ class ScriptedSearch(JointSearch):
         (
             [result("load_coulomb", 3 * EVEN), result("dahl", 3.01 * EVEN + 0.1 * WAVE)],
             "load_coulomb",
-        ),  # the simpler one
+        ),
         ([result("load_coulomb", EVEN), result("dahl", 3 * EVEN)], "dahl"),
         # a gain of few blocks counts where a law of the same cause is sure, not beside another, nor if it is less
         ([result("load_coulomb", 30 * np.eye(16)[2], WITHIN_ERROR), result("load_dahl", EVEN)], "load_coulomb"),

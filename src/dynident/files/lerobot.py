@@ -19,7 +19,7 @@ import numpy as np
 from dynident.files.opener import read_text
 from dynident.files.parquet import count_rows, read_rows
 from dynident.files.tables import INFO_FILE, DataTable, is_data_set, is_episode, read_columns, report_damage
-from dynident.runtime import InputError, choices
+from dynident.runtime import InputError, as_number, choices
 
 FORMATS = ("v2.0", "v2.1", "v3.0")
 CALIBRATION_FILE = Path("meta", "calibration.json")
@@ -235,7 +235,7 @@ def _calibration(folder: Path) -> dict[str, float]:
     out = {}
     for motor, entry in _require(_read_json(path), dict, path, "the file").items():
         ends = [entry.get(key) if isinstance(entry, Mapping) else None for key in ("range_min", "range_max")]
-        low, high = (float(end) if isinstance(end, int | float) else float("nan") for end in ends)
+        low, high = map(as_number, ends)
         if not (isfinite(high - low) and high > low):
             raise InputError(
                 f"{path}: range_min and range_max of {motor!r} are {ends[0]} and {ends[1]}; numbers are expected, the "

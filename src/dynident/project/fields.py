@@ -31,7 +31,7 @@ from dynident.models import Joint
 from dynident.motion.smoothers import MAX_TIME_OFFSET
 from dynident.project.python_file import error_text
 from dynident.regression import HIGHEST_ORDER
-from dynident.runtime import ConfigError, choices
+from dynident.runtime import ConfigError, as_number, choices
 
 Interval = tuple[float | None, float | None]
 MIN_MAGNITUDE, MAX_MAGNITUDE = 1e-15, 1e15  # in size, of settings in SI units and of gains
@@ -99,16 +99,6 @@ def interval_words(interval: Interval) -> str:
     """Return a window as text for the name of a log, such as ``0-20 s``."""
     start, stop = interval
     return f"{start or 0:.12g}-{'end' if stop is None else f'{stop:.12g} s'}"
-
-
-def as_number(value: object) -> float:
-    """Return a value as a number, nan where it is none; YAML gives ``1e-3`` as a text, and ``yes`` as a truth value."""
-    if isinstance(value, int | float | str) and not isinstance(value, bool):
-        try:
-            return float(value)
-        except (ValueError, OverflowError):
-            pass
-    return math.nan
 
 
 def _read_number(value: object) -> float:

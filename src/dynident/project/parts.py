@@ -27,9 +27,9 @@ from pydantic import (
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from dynident.motion.smoothers import BY_JOINT
-from dynident.project.fields import Name, Section, as_number
+from dynident.project.fields import Name, Section
 from dynident.project.python_file import CODE, error_text, load_from_file, resolve_file
-from dynident.runtime import ConfigError, DynidentError, choices
+from dynident.runtime import ConfigError, DynidentError, as_number, choices
 from dynident.runtime.families import PartFamily, Settings, family_of, section_class, settings_hints, settings_type
 
 FILE_CLASS_PATTERN = r"\.py:\w+$"  # a class of a file

@@ -42,6 +42,7 @@ from dynident.runtime.notes import (
 from dynident.runtime.saved_fields import OMITTED, Axes, Part, TaggedUnion, saved_fields
 from dynident.runtime.text import (
     angles,
+    as_number,
     capitalise,
     count,
     instant,

@@ -89,6 +89,16 @@ def settings_text(name: str, part: object, skip: tuple[str, ...] = ()) -> str:
     return ", ".join([name, *(f"{x.name.replace('_', ' ')} {setting_text(getattr(part, x.name))}" for x in changed)])
 
 
+def as_number(value: object) -> float:
+    """Return a value as a number, nan where it is none; YAML gives ``1e-3`` as a text, and ``yes`` as a truth value."""
+    if isinstance(value, int | float | str) and not isinstance(value, bool):
+        try:
+            return float(value)
+        except (ValueError, OverflowError):
+            pass
+    return math.nan
+
+
 def setting_text(value: Any) -> str:
     """Return a setting as text: numbers to four digits, lists and mappings in brackets."""
     if isinstance(value, bool) or value is None:

@@ -18,7 +18,7 @@ from dynident.project.config import parse_config
 from dynident.project.logs import recording_of
 from dynident.project.result_format import ResultTables, read_result
 from dynident.project.saved import result_values
-from dynident.runtime import ConfigError, InputError, Use
+from dynident.runtime import ConfigError, InputError, Use, as_number
 
 MAX_PARAMETER = 1e100  # of parameters: squares of larger ones are infinite, and nothing differs from them
 
@@ -129,7 +129,8 @@ def _export_records(report: dict[str, Any], path: Path) -> list[ExportRecord]:
         name, digest, agreement = (entry.get(key) for key in ("file", "sha256", "agreement"))
         # a damaged report may name any path: only files beside the result count
         if isinstance(name, str) and isinstance(digest, str) and Path(name).name == name:
-            shown_agreement = float(agreement) if isinstance(agreement, int | float) else None
+            number = as_number(agreement)
+            shown_agreement = None if np.isnan(number) else number
             is_unchanged = _is_unchanged(path.with_name(name), digest)
             records.append(
                 ExportRecord(

@@ -31,12 +31,11 @@ from dynident.project.fields import (
     Positive,
     PositiveOrEach,
     Section,
-    as_number,
     bounded_reader,
     read_settings,
     whole_number_reader,
 )
-from dynident.runtime import ConfigError, Noun, choices
+from dynident.runtime import ConfigError, Noun, as_number, choices
 
 Array = NDArray[np.float64]
 NOISE_SHARE = 0.01  # of a joint's torque limit: noise where nothing is known of it

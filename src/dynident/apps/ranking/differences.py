@@ -39,7 +39,7 @@ from dynident.project.config import load_robot, nominal_values
 from dynident.project.saved import result_values
 from dynident.project.settings import RobotSettings
 from dynident.regression import base_parameters
-from dynident.runtime import ConfigError, ModelError, Noun, choices
+from dynident.runtime import ConfigError, ModelError, Noun, as_number, choices
 
 Array = NDArray[np.float64]
 MAX_BLOCKS = 400  # blocks of all logs together
@@ -296,17 +296,14 @@ def read_truth(source: str | Path | Mapping[str, float], folder: Path, spec: str
     data = load_yaml(read_text(path, ConfigError, (".yaml", ".yml")), str(path))
     if isinstance(data, dict) and isinstance(data.get("parameters"), list):
         return _values_of_rows(data["parameters"], path)
-    if not isinstance(data, dict) or not all(_is_number(value) for value in data.values()):
+    if not isinstance(data, dict) or not all(np.isfinite(as_number(value)) for value in data.values()):
         raise ConfigError(f"{path}: is no list of true values; write lines such as `Fv_elbow: 6.0`.")
     return {str(name): float(value) for name, value in data.items()}
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
-
-
 def _values_of_rows(rows: Any, path: Path) -> dict[str, float]:
-    if not isinstance(rows, list) or not all(isinstance(row, dict) and _is_number(row.get("value")) for row in rows):
+    entries = rows if isinstance(rows, list) else [None]
+    if not all(isinstance(row, dict) and np.isfinite(as_number(row.get("value"))) for row in entries):
         raise ConfigError(f"{path}: its `parameters` are no list of names with values.")
     return {str(row.get("name")): float(row["value"]) for row in rows}
 

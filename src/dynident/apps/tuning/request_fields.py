@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import TypeGuard
 
+from dynident.runtime import as_number
+
 TEXTS = ("search", "tab", "control", "now", "before", "kept")
 NUMBERS = ("at", "n_clicks", "n_intervals")
 STORES = ("last", "zoomed", "rested")  # mappings of such fields
@@ -49,10 +51,7 @@ def _is_pair(value: object) -> TypeGuard[list[object]]:
 
 
 def _is_number(value: object) -> bool:
-    try:
-        return isinstance(value, int | float) and math.isfinite(value)
-    except OverflowError:  # an integer that no float holds
-        return False
+    return isinstance(value, int | float) and math.isfinite(as_number(value))
 
 
 def _is_number_text(text: str) -> bool:

@@ -165,7 +165,9 @@ def test_a_robot_file_has_bodies_friction_and_rotors(tmp_path: Path) -> None:
         read_truth("true.urdf", tmp_path, "gallery:slider")
 
 
-@pytest.mark.parametrize("text", ["M: heavy\n", "- 5\n", "M: .nan\n", "parameters: [{name: M}]\n", "parameters: [3]\n"])
+@pytest.mark.parametrize(
+    "text", ["M: heavy\n", "- 5\n", "M: .nan\n", "parameters: [{name: M}]\n", "parameters: [3]\n", f"M: {10**400}\n"]
+)
 def test_what_is_no_list_of_values_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "truth.yaml").write_text(text)
     with pytest.raises(ConfigError, match=r"truth\.yaml"):
@@ -193,15 +195,6 @@ def test_zeros_that_a_file_writes_are_no_truth_of_friction(tmp_path: Path) -> No
 @pytest.mark.parametrize(("count", "period", "length"), [(400, 12, 60), (60, 22, 20), (400, 15, 27)])
 def test_a_block_is_no_longer_than_a_third_and_three_roots_of_the_series(count: int, period: int, length: int) -> None:
     assert block_length(np.cos(2 * np.pi * np.arange(count) / period)) == length
-
-
-@pytest.mark.parametrize(
-    "text", ["M: 1\nFv: ''", f"M: {10**400}", "M: .nan", "M: yes", "parameters: [{name: M, value: x}]"]
-)
-def test_a_truth_that_is_no_list_of_finite_numbers_is_refused(tmp_path, text):
-    (tmp_path / "truth.yaml").write_text(text)
-    with pytest.raises(ConfigError, match="truth.yaml"):
-        read_truth("truth.yaml", tmp_path, "gallery:slider")
 
 
 def test_a_truth_is_numbers_however_they_are_written(tmp_path):

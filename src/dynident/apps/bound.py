@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from dynident.identification import Measure, Origin
+from dynident.identification import AccuracyBound, Measure, Origin
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, INK, RED, VIOLET, mark_rows, panels, plain, trace
 from dynident.report.page import (
@@ -27,9 +27,6 @@ from dynident.report.page import (
 )
 from dynident.report.words import settings_of
 from dynident.runtime import join_names, number
-
-if TYPE_CHECKING:
-    from dynident.identification import AccuracyBound
 
 CHANGE_NAMES: Mapping[str, str] = {
     "now": "now",

@@ -9,7 +9,6 @@ from itertools import chain, combinations, product
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.files.folder import settle
 from dynident.files.opener import XML_WEIGHT, open_input, read_text, real_path, remember_inputs
@@ -23,9 +22,9 @@ from dynident.project.parts import build
 from dynident.project.python_file import CODE, XACRO_CODE, load_from_file, resolve_file, run_user_code
 from dynident.project.settings import AUTO, PLAIN_TERMS, Config, RobotSettings, robot_settings
 from dynident.runtime import ConfigError, ModelError, choices, join_names
+from dynident.runtime.arrays import Array
 from dynident.runtime.families import TERMS
 
-Array = NDArray[np.float64]
 NOMINAL_ATTRIBUTES = {"viscous": "damping", "coulomb": "friction", "rotor": "armature"}  # of a robot file, by role
 
 

@@ -34,8 +34,8 @@ from dynident.runtime import (
     report_progress,
     require,
 )
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 

@@ -29,13 +29,13 @@ from dynident.project.logs import log_of, without_excluded
 from dynident.project.settings import Config, LogSpec, check_joints
 from dynident.project.signals import check_times, column_names
 from dynident.runtime import ConfigError, InputError, Noun, Step, memory_budget, report_progress
+from dynident.runtime.arrays import Array
 from dynident.runtime.families import SMOOTHERS, TERMS
 from dynident.runtime.jobs import Limits, Status, run_jobs
 
 if TYPE_CHECKING:
     import polars as pl
 
-Array = NDArray[np.float64]
 BYTES_PER_SAMPLE = 160  # bytes of memory per sample and joint that an identification takes where it holds all samples
 CHUNK = 1_000_000  # stamps that are looked at together
 KEY = ("piece",)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Estimate
 from dynident.identification import Identifiability, Identification, Sources, StandardErrors, tilt_base
@@ -19,8 +18,6 @@ from dynident.project.result_format import ResultFile, ResultTables, read_result
 from dynident.project.settings import robot_settings
 from dynident.runtime import ConfigError, InputError, ModelError
 from dynident.runtime.families import PartFamily
-
-Array = NDArray[np.float64]
 
 
 def identification_of(

@@ -24,8 +24,7 @@ from dynident.project.drive_settings import (
 from dynident.project.fields import POSITIONS, TORQUES, VELOCITIES, Angle, Channel, unit_factor
 from dynident.project.settings import Config, LogSpec
 from dynident.runtime import ConfigError, InputError
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 MIN_STEP_SHARE = 1e-4  # share of the usual step
 _EPISODE_COLUMNS = ("episode", "episode_index", "episode_id")

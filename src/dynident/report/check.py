@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from dynident.checks import ChannelFacts, CheckResult, Excitation, RobotJointFacts, Timing
 from dynident.report.page import Column, PageTable
-from dynident.runtime import Remark, Severity, Use, count, number, place_and_text
-
-if TYPE_CHECKING:
-    from dynident.checks import ChannelFacts, CheckResult, Excitation, RobotJointFacts, Timing
-    from dynident.runtime import Finding
-
+from dynident.runtime import Finding, Remark, Severity, Use, count, number, place_and_text
 
 TITLES = {Severity.ERROR: "Errors", Severity.WARNING: "Warnings", Severity.INFO: "Good to know"}
 USE_ORDER = {Use.CONTROL: 0, Use.SIMULATION: 1, None: 2}  # what forbids a use comes first

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.runtime import InputError, Noun, install_command
+from dynident.runtime.arrays import Array
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-Array = NDArray[np.float64]
 Trace = dict[str, Any]
 
 INK = "#7d7d7d"

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from math import inf
-from typing import TYPE_CHECKING
 
+from dynident.identification import Identification
+from dynident.models import Joint
 from dynident.motion.smoothers import strip_time_offset
 from dynident.regression import GroupKind
 from dynident.report.figures import points_per_curve
 from dynident.report.page import Figure, Gallery
 from dynident.runtime import Note, Severity, angles, join_names, number, part_text, short
-
-if TYPE_CHECKING:
-    from dynident.identification import Identification
-    from dynident.models import Joint
-    from dynident.validation import LogValidation
+from dynident.validation import LogValidation
 
 ROLES = {"train": "training", "validation": "held out"}
 ROUNDING = 1e-12

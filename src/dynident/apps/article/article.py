@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.article.study import Statistics, generator, run_study, statistics
 from dynident.estimators import Estimate, Estimator, LeastSquares, Problem
@@ -24,6 +23,7 @@ from dynident.motion.smoothers import Butterworth, Difference, Smoother, Spline
 from dynident.project.parts import build
 from dynident.regression import Regression
 from dynident.runtime import ConfigError, Noun, brief, choices
+from dynident.runtime.arrays import Array
 from dynident.runtime.families import ESTIMATORS, SMOOTHERS
 from dynident.runtime.jobs import Limits, run_jobs
 from dynident.runtime.kernel import kernel
@@ -73,7 +73,6 @@ PUBLISHED: Mapping[tuple[float, str], tuple[Row, Row]] = {
 }
 
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 LEVELS = (1e-8, 1e-6, 1e-4)  # sigma_q^2, rad^2
 SAMPLING_PERIOD, N_SAMPLES = 0.0025, 4001  # Ts and the samples in <0, T>, T = 10 s

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import cycle
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynident.apps.article.article import Reproduction
 from dynident.motion.log import Motion
 from dynident.report import Array, Drawing, method_name, scientific
 from dynident.report.figures import BLUE, GREEN, INK, Trace, curve, method_colours, panels, plain, trace, with_gaps
-
-if TYPE_CHECKING:
-    from dynident.apps.article.article import Reproduction
 
 DRAWN_FIRST = ("raw", "simulated", "spline", "filtered")  # later curves lie above
 TITLES = {"dq": "velocity, rad/s", "ddq": "acceleration, rad/s²"}

@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from dynident.apps.compare_results.comparison import BaseDifference, ComparedResult, LogDifference, ResultComparison
 from dynident.report import Drawing
 from dynident.report.figures import BLUE, GRID, RED, Trace, panels, plain, trace
 from dynident.report.page import Badge, Column, Figure, Fold, PageBlock, PageSection, PageTable, render
 from dynident.report.words import ROLES
 from dynident.runtime import Use, count, join_names, number, percent
-
-if TYPE_CHECKING:
-    from dynident.apps.compare_results.comparison import BaseDifference, ComparedResult, LogDifference, ResultComparison
 
 MAX_SHOWN_DIFFERENCE = 20.0  # standard errors beyond which a mark stands at the edge
 MAX_TERMINAL_ROWS = 12  # base parameters in a terminal

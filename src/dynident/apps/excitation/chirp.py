@@ -10,13 +10,12 @@ import csv
 from io import StringIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.excitation.limits import Feasibility, MotionLimits
 from dynident.apps.excitation.robot import ExcitationProject
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 DEFAULT_RATE, DEFAULT_SPEED = 100.0, 1.5  # Hz; rad/s or m/s, where a file has no limit
 MAX_AMPLITUDE = {"revolute": 0.25, "prismatic": 0.03}  # rad, m
 LOWEST, HIGHEST = 0.1, 4.0  # Hz

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from dynident.models import Box, Capsule, Cylinder, Distances, Floor, Obstacle, Placements, RigidBodies
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 SignedDistance = Callable[[Array], tuple[Array, Array]]
 SQUARED_PREFERENCE = 1e-4  # m^2: preference between segments; where they are 0.1 m apart, it costs at most 0.25 mm
 LINEAR_PREFERENCE = 2e-3  # m: preference beside a body; it costs at most a quarter

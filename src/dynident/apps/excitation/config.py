@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
     BeforeValidator,
     Field,
@@ -37,8 +36,8 @@ from dynident.project.fields import (
     whole_number_reader,
 )
 from dynident.runtime import ConfigError, Noun, choices
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 NOISE_SHARE = 0.01  # of a joint's torque limit: noise where nothing is known of it
 DEFAULT_NOISE = 1.0  # N m or N, where there is no limit either
 RANK_TOLERANCE = 1e-12  # of a covariance with ones on its diagonal

@@ -20,8 +20,8 @@ from dynident.models.capsules import body_capsules, fixed_boxes
 from dynident.models.geometry import Solid
 from dynident.models.robot_files import ShapeKind
 from dynident.runtime import ConfigError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 SAMPLE_POSES = 600
 # m: what is kept free, and more than that by which links are near each other

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.excitation.clearance import CapsuleSpace, obstacle_name
 from dynident.apps.excitation.config import NoiseOrigin
-from dynident.apps.excitation.design import ExpectedAccuracy, expected_accuracy
+from dynident.apps.excitation.design import Design, ExpectedAccuracy, expected_accuracy
 from dynident.apps.excitation.limits import LIMITS_FILE, usual_arm
 from dynident.apps.excitation.motion import Program
+from dynident.apps.excitation.robot import ExcitationProject
 from dynident.checks import check_robot
 from dynident.checks.file_notes import FarCentre, ImpossibleInertia, NoMass
 from dynident.models import Floor, RigidBodies, ShapeSource
@@ -21,10 +21,6 @@ from dynident.report import Array, Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, PALE, RED, Trace, curve, mark_rows, panels, plain, trace
 from dynident.report.page import Column, Figure, Fold, PageBlock, PageSection, PageTable, formula_blocks, short_formula
 from dynident.runtime import Noun, count, install_command, join_names, number
-
-if TYPE_CHECKING:
-    from dynident.apps.excitation.design import Design
-    from dynident.apps.excitation.robot import ExcitationProject
 
 MAX_JOINTS, MAX_FILES = 8, 3  # joints, and files, in a sentence
 DOUBTFUL_LINKS = (ImpossibleInertia, NoMass, FarCentre)

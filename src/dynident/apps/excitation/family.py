@@ -7,11 +7,10 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 DEGREE = 5  # the jerk is continuous
 REST_POINTS = 3  # equal control points at either end: there dq and ddq are zero
 

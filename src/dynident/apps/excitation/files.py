@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from dynident.apps.excitation.limits import MotionLimits, min_fit_speeds
 from dynident.apps.excitation.motion import point_spacing
@@ -28,8 +27,8 @@ from dynident.models import Joint
 from dynident.project.explicit_config import relocate_settings, settings_text
 from dynident.project.settings import robot_settings
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 STATE_NAMES = ("q", "dq", "ddq")
 INTERPOLATION_TOLERANCE = 1e-3  # of a limit, for smooth motion between samples; jumps of the jerk take 1e-1 and more
 BLOCK_SAMPLES = 500

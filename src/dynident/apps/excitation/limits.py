@@ -11,21 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.excitation.trajectory import Course
-from dynident.models import Distances, Joint, RigidBodies
+from dynident.models import Distances, Joint, Model, RigidBodies
 from dynident.models.robot_files import RobotJointLimits
 from dynident.project.arms import KnownArm, find_arm
 from dynident.runtime import ConfigError, ModelError, Noun, choices, join_names
+from dynident.runtime.arrays import Array
 
-if TYPE_CHECKING:
-    from dynident.models import Model
-
-Array = NDArray[np.float64]
 ACCELERATION_TIME = 0.25  # s from rest to the velocity limit
 JERK_TIME = 0.05  # s from no acceleration to its limit
 MAX_FILE_RANGE = 4.001 * np.pi  # rad: a file with a wider range has none

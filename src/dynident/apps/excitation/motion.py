@@ -9,7 +9,6 @@ from dataclasses import replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.excitation.clearance import refuse_contact
 from dynident.apps.excitation.criterion import Criterion, InformationCriterion, base_information
@@ -23,8 +22,8 @@ from dynident.estimators.maximum_likelihood import with_smooth_signs
 from dynident.models import Model, Space
 from dynident.regression import BaseParameters
 from dynident.runtime import ConfigError, InputError, Note, Noun, choices, join_names
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 SIGN_WIDTH = 0.02  # of the velocity limit: the width of the sign of Coulomb friction in the search
 POINTS_PER_HARMONIC = 20  # points of the grid by harmonic
 MIN_GRID_POINTS = 100  # points of the grid

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import singledispatch
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.excitation.clearance import CapsuleSpace
+from dynident.apps.excitation.design import Design
 from dynident.apps.excitation.expected_report import (
     WELL,
     LimitedQuantity,
@@ -25,6 +25,7 @@ from dynident.apps.excitation.expected_report import (
     shape_words,
 )
 from dynident.apps.excitation.motion import Program
+from dynident.apps.excitation.robot import ExcitationProject
 from dynident.apps.excitation.trajectory import Trajectory
 from dynident.identification import versions
 from dynident.models import Box, Cylinder, Floor, Geometry, ShapeSource, outlines
@@ -59,12 +60,8 @@ from dynident.report.page import (
     render,
 )
 from dynident.runtime import number, setting_text
+from dynident.runtime.arrays import Array
 
-if TYPE_CHECKING:
-    from dynident.apps.excitation.design import Design
-    from dynident.apps.excitation.robot import ExcitationProject
-
-Array = NDArray[np.float64]
 FRAMES = 400  # of the arm along its path
 MAX_DISTANCE_RATE = 100.0  # Hz, at most, of the distances that are drawn
 MAX_DISTANCE_SAMPLES = 6000  # samples of them

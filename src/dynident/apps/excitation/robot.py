@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.excitation.clearance import CapsuleSpace
 from dynident.apps.excitation.config import (
@@ -43,8 +42,8 @@ from dynident.project.project import parse_project
 from dynident.project.saved import load
 from dynident.project.settings import RobotSettings, robot_settings
 from dynident.runtime import ConfigError, InputError, Noun, choices, report_progress
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Robot = RobotSettings | str
 CONFIGS = (".yaml", ".yml")
 MAX_PERIOD_SHARE = 0.6  # of the duration, at most, where nobody gives it: the ways take time, too

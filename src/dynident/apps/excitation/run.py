@@ -9,10 +9,11 @@ from dataclasses import asdict
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from dynident.apps.excitation.design import Design
 from dynident.apps.excitation.files import recording_config, trajectory_files
 from dynident.apps.excitation.limits import LIMITS_FILE, Feasibility, usual_arm
 from dynident.apps.excitation.players import FRANKA, ROS, players
@@ -28,9 +29,6 @@ from dynident.project.arms import KnownArm
 from dynident.project.explicit_config import settings_text
 from dynident.project.project import parse_project
 from dynident.runtime import ConfigError, InputError
-
-if TYPE_CHECKING:
-    from dynident.apps.excitation.design import Design
 
 CONFIG, NUMBERS = "identify.yaml", "excite.json"
 FORMAT, VERSION = "dynident-excite", 1

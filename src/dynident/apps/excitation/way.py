@@ -7,14 +7,13 @@ from functools import cache, cached_property
 from itertools import islice, pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.excitation.family import Fourier, LinearCourse
 from dynident.apps.excitation.limits import TORQUE_RESERVE, Feasibility, MotionLimits
 from dynident.apps.excitation.trajectory import Course, Piece, Purpose, round_up
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 DEGREE = 5
 BOUND_PARTS = 16  # in which a polynomial is bounded, each by its Bernstein coefficients
 MIN_DURATION, MAX_DURATION, DURATION_RATIO = 0.05, 300.0, 1.05  # s, s, ratio: the durations that are tried

@@ -18,8 +18,8 @@ from dynident.apps.fleets.components import FEW_ROBOTS, History, Scatter, scatte
 from dynident.apps.fleets.ratios import LikelihoodRatios, NullDraws
 from dynident.regression import ParameterGroup
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 DRAWS = 1000
 MIN_SCATTER_DOF = 4  # degrees of freedom of the scatter, below which it is too uncertain
 MAX_ROUNDS = 3  # of scatter and changes in turn

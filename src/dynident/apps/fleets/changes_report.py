@@ -6,23 +6,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.apps.fleets.changes import ChangeShape
+from dynident.apps.fleets.changes import Change, ChangeShape
+from dynident.apps.fleets.components import History, Scatter
 from dynident.apps.fleets.figures import Mark, ParameterTrend, pooled_figure
+from dynident.apps.fleets.result import FleetBase, FleetResult, Population
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import GroupKind, ParameterGroup
 from dynident.report import Array
 from dynident.report.page import UNIT, Column, Figure, Fold, PageBlock, PageSection, PageTable
 from dynident.report.words import kind_words, signed_text
 from dynident.runtime import count, join_names, number
-
-if TYPE_CHECKING:
-    from dynident.apps.fleets.changes import Change
-    from dynident.apps.fleets.components import History, Scatter
-    from dynident.apps.fleets.result import FleetBase, FleetResult, Population
 
 VERBS = {
     (ChangeShape.STEP, 1): "rose",

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from dynident.regression import GroupKind, ParameterGroup
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 ParameterBlock = NDArray[np.intp]
 MIN_INFORMATION_SHARE = 1e-10  # a direction with less of the largest information, in scaled parameters, is not shown
 MAX_ITERATIONS, CONVERGENCE_TOLERANCE = 80, 0.01  # of the iteration, until no component changes by more

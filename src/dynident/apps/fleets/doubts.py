@@ -17,6 +17,7 @@ from dynident.apps.fleets.components import History, Scatter
 from dynident.models import Joint
 from dynident.regression import GroupKind, ParameterGroup
 from dynident.runtime import join_names
+from dynident.runtime.arrays import Array
 from dynident.runtime.jobs import Status
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
     from dynident.apps.fleets.result import FleetResult
 
-Array = NDArray[np.float64]
 MIN_DOUBTED_GROUPS = 3  # groups of a robot that change with one log, before the log is doubted
 MIN_ROBOTS, MAX_LOGS, MAX_BINS = 3, 4000, 60  # at least, at most, and at most, to look for what robots have in common
 PERMUTATIONS = 199

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident._version import __version__
 from dynident.apps.fleets.components import History
@@ -33,6 +32,7 @@ from dynident.regression import (
     structural_base_parameters,
 )
 from dynident.runtime import DynidentError, InputError, ModelError, Noun, join_names
+from dynident.runtime.arrays import Array
 from dynident.runtime.jobs import Status
 from dynident.validation import robust_covariance
 
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
     import polars as pl
 
-Array = NDArray[np.float64]
 ITERATIONS = 3  # of the weights of the joints
 KEY = ("robot", "log", "recipe", "stamp")
 DAY = 86_400.0  # s

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from dynident.apps.fleets.components import History, VarianceComponents, pseudo_inverse, whiten
 from dynident.regression import ParameterGroup
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Candidate = tuple[int, int]  # the number of a group, and that of a course in time
 CHUNK = 10_000_000  # numbers that are drawn at once
 MIN_COLUMN_SHARE = 1e-7  # of a direction that no log shows, from the square root of its information

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from dynident.apps.fleets.changes import Change, Changes
 from dynident.apps.fleets.changes_report import (
     RobotTrends,
     change_table,
@@ -17,9 +18,11 @@ from dynident.apps.fleets.changes_report import (
     sort_by_severity,
     with_times,
 )
+from dynident.apps.fleets.components import History
 from dynident.apps.fleets.doubts import residual_groups
 from dynident.apps.fleets.figures import robots_figure, trend_figure
-from dynident.regression import GroupKind
+from dynident.apps.fleets.result import FleetResult
+from dynident.regression import GroupKind, ParameterGroup
 from dynident.report.page import (
     Badge,
     Column,
@@ -36,12 +39,6 @@ from dynident.report.page import (
 )
 from dynident.runtime import Use, count, join_names, number, percent
 from dynident.runtime.jobs import Status
-
-if TYPE_CHECKING:
-    from dynident.apps.fleets.changes import Change, Changes
-    from dynident.apps.fleets.components import History
-    from dynident.apps.fleets.result import FleetResult
-    from dynident.regression import ParameterGroup
 
 REPORT = "report.html"  # of a log, in its folder
 # logs, those of a robot at least, robots, failed logs

@@ -8,7 +8,6 @@ from datetime import datetime
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.fleets.changes import Change, Changes, design
 from dynident.apps.fleets.components import (
@@ -24,11 +23,11 @@ from dynident.apps.fleets.components import (
 from dynident.models import Joint, Model
 from dynident.regression import BaseParameters, GroupKind, ParameterGroup
 from dynident.runtime import Noun, brief
+from dynident.runtime.arrays import Array
 
 if TYPE_CHECKING:
     import polars as pl
 
-Array = NDArray[np.float64]
 MIN_ROBOTS = 3  # robots that show a spread
 
 

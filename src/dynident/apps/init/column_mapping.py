@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.init.match import (
     Match,
@@ -29,8 +28,7 @@ from dynident.identification import held_joints
 from dynident.project.columns import ColumnFamily, families, read_name
 from dynident.project.fields import POSITIONS, TORQUES, UNITS
 from dynident.project.signals import unwrap
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 _LOCK_DECIMALS = 6  # digits of locked positions
 _MAX_LOCKED_MOTION = 1e-3  # rad or m: a locked joint that moves more raises a question

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.init.column_mapping import ChannelProposal, ColumnMapping, widths
 from dynident.apps.init.match import MovableJoint
@@ -28,8 +27,8 @@ from dynident.project.fields import UNITS
 from dynident.project.logs import read_recording
 from dynident.project.settings import LogSpec
 from dynident.runtime import InputError, choices, join_names
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 _TRAINING_SHARE = 0.7  # of a single log
 _MAX_MEASURED_VALUE = 1e100  # of values that can have been measured
 _GAIN_QUESTION = (

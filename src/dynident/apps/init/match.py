@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.files.tables import DataTable
 from dynident.files.xml_text import SUFFIXES
@@ -21,8 +20,8 @@ from dynident.project.columns import ColumnFamily, tokens
 from dynident.project.config import load_model, robot_text
 from dynident.project.fields import UNITS
 from dynident.runtime import ModelError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 _MAX_VALUE = 1e100
 # turns: the step of an angle that starts anew, and the range of its values
 _MIN_JUMP_TURNS, _MIN_SPAN_TURNS = 0.9, 0.97

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from dynident.apps.init.match import Match, MovableJoint, is_increasing
 from dynident.files.tables import DataTable
 from dynident.project.columns import ColumnFamily
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MAX_SAMPLES = 20_000  # of the recording, at most

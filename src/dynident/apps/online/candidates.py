@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from dynident.apps.online.scores import Reference, Scores, Sums
 from dynident.regression import GroupKind, ParameterGroup
 from dynident.runtime import Noun, brief
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MIN_DIRECTION_SHARE = 1e-6  # of the largest information of a direction of the group: less is none
 BLOCKS_PER_HOUR = 720  # blocks that are drawn together, with one scatter
 SIMULATED_HOURS = 160

@@ -14,12 +14,12 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.online.candidates import Candidates, is_base_group, residual_joint
 from dynident.apps.online.scores import Reference, Scores, Sums, build_reference, push_sums, suffix_sums
 from dynident.regression import GroupKind
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,6 @@ class Resumed(Event):
     last: float
 
 
-Array = NDArray[np.float64]
 # of the scatter of a block: a larger error of the reference in a group says that its motion is new
 NEW_MOTION_ERROR = 0.5
 NEW_MOTION_BLOCKS = 12  # blocks of new motion in a row that are said

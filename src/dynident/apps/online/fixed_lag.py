@@ -15,15 +15,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.checks import MAX_GAP_STEPS
 from dynident.motion.log import Motion
 from dynident.motion.smoothers import decay
 from dynident.motion.splines import Fixed, smooth
 from dynident.runtime import ConfigError, InputError, Noun, join_names
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 SIGNALS = ("t", "q", "dq", "ddq", "tau", "mask", "memory")
 MIN_SAMPLES = 2  # samples of a motion
 DEFAULT_ACCURACY = 1e-10  # what is left of the error at a cut, by default

@@ -40,8 +40,8 @@ from dynident.regression import (
     structural_base_parameters,
 )
 from dynident.runtime import ConfigError, InputError, call_part
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 PANEL_COLUMNS = 16  # columns that LAPACK eliminates together
 BATCH_SAMPLES = 64  # samples that are computed together, as each call has its cost
 FORGETTING_STEPS = 100  # of forgetting in the shortest memory

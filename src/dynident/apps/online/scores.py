@@ -7,14 +7,13 @@ from dataclasses import fields, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.identification import Identification
 from dynident.regression import BaseParameters, EntryBlock, structural_base_parameters
 from dynident.regression.whitening import long_run
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 INFORMATION_TOLERANCE = 1e-9  # of the largest information: what a block does not show
 # sums of the same length that are kept, at most: windows are then known to a quarter of their length
 MAX_EQUAL_LENGTHS = 4

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.online.detector import Back, Event, Fault, FaultKind, Signal
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MISSING_SAMPLES = 3  # samples in a row without a number
 FROZEN_SAMPLES, FROZEN_TIME = 10, 0.05  # samples, and s, of a position that froze
 ABRUPT_STOP_RATIO = 8.0  # times the usual difference of two steps: what a joint cannot do

@@ -13,7 +13,7 @@ from collections.abc import Generator, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.apps.online.fixed_lag import (
     SOURCE,
@@ -34,8 +34,8 @@ from dynident.motion.splines.search import SplineSearch
 from dynident.motion.splines.series import ScaledSeries
 from dynident.regression import EntryBlock, GroupKind, Regression, RegressorBlock, Selection, one_thread
 from dynident.runtime import ConfigError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 OFFSET_MARGIN = 2  # samples beyond a time offset, for the interpolation
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.apps.online.candidates import Candidates, threshold
 from dynident.apps.online.detector import (
@@ -32,8 +32,8 @@ from dynident.identification import Identification
 from dynident.motion.log import Log
 from dynident.regression import GroupKind, ParameterGroup, groups_of, one_thread
 from dynident.runtime import ConfigError, InputError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 WaitingBlock = tuple[Gram, float, float, int]
 SMOOTHING_TIME = 10.0  # s of motion that show how much is to be smoothed
 LAG_BANDWIDTHS = 12.0  # bandwidths: exp(-12 / sqrt 2) = 2e-4 is left of the error at a cut

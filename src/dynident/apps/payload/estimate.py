@@ -14,15 +14,14 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.payload.body import Mount
 from dynident.identification import Identification
 from dynident.models import Model
 from dynident.regression import BaseParameters, GroupKind, groups_of
 from dynident.runtime import ConfigError, InputError, Noun, WordedEnum
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_PERCENT = 100.0  # %
 MAX_DISTANCE = 5.0  # m: a centre of mass beyond is in mm
 MAX_MASS = 1e3  # kg: weak prior of the mass

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.payload.body import (
     BodyEstimate,
@@ -40,9 +39,9 @@ from dynident.models import Model
 from dynident.motion.log import Log, stack_states
 from dynident.regression import BaseParameters, structural_base_parameters
 from dynident.runtime import InputError, Note, Noun, report_progress
+from dynident.runtime.arrays import Array
 from dynident.validation import LogValidation
 
-Array = NDArray[np.float64]
 # times the error of the training, and %: with more left, a recording is of another arm
 MAX_ERROR_RATIO, MAX_ERROR = 5.0, 20.0
 MAX_SHOWN_STD = (0.2, 0.03, 1.0)  # of mass, m, of mass (0.1 m)^2: a component with a larger standard error is not shown

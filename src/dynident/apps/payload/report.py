@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from dynident.apps.payload.body import Component, NoPayload, mass_bound
 from dynident.apps.payload.estimate import ErrorSource
+from dynident.apps.payload.payload import Payload
+from dynident.identification import Identification
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, INK, RED, VIOLET, panels, trace
 from dynident.report.page import UNIT, Column, Facts, Figure, PageBlock, PageSection, PageTable, pair_table, render
 from dynident.runtime import capitalise, number, number_within
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from dynident.apps.payload.payload import Payload
-    from dynident.identification import Identification
 
 SOURCE_COLOURS = {
     ErrorSource.ARM: BLUE, ErrorSource.LOADED: GREEN, ErrorSource.UNLOADED: GREEN, ErrorSource.DRIFT: AMBER,

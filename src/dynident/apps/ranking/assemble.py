@@ -10,7 +10,6 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.ranking.config import Candidate, Combination
 from dynident.apps.ranking.differences import Differences, differences, joint_errors
@@ -41,8 +40,8 @@ from dynident.motion.log import Motion
 from dynident.motion.smoothers import SUBSTITUTE
 from dynident.regression import BLOCK, MAX_REPEAT_DIFFERENCE, Regression, Selection, one_thread, repeat_of
 from dynident.runtime import Noun, call_part
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Row = Mapping[str, Any]
 
 

@@ -40,8 +40,8 @@ from dynident.project.saved import result_values
 from dynident.project.settings import RobotSettings
 from dynident.regression import base_parameters
 from dynident.runtime import ConfigError, ModelError, Noun, choices
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_BLOCKS = 400  # blocks of all logs together
 DRAWS = 2000
 SIGNIFICANCE_LEVEL = 0.05

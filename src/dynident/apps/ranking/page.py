@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from itertools import groupby
-from typing import TYPE_CHECKING
 
-from dynident.apps.ranking.ranking import geometric_mean
+from dynident.apps.ranking.ranking import RankedCombination, Ranking, geometric_mean
 from dynident.apps.ranking.report import (
     display_names,
     interval_ends,
@@ -21,9 +20,6 @@ from dynident.report.figures import AMBER, BLUE, GREEN, INK, RED, VIOLET, Trace,
 from dynident.report.page import Badge, Column, Facts, Figure, Fold, PageBlock, PageSection, PageTable, render
 from dynident.report.words import huge
 from dynident.runtime import count, number, part_text, percent, short, shorten_names
-
-if TYPE_CHECKING:
-    from dynident.apps.ranking.ranking import RankedCombination, Ranking
 
 COLOURS = (BLUE, RED, GREEN, AMBER, VIOLET, INK)
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x", "star")

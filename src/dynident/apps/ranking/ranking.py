@@ -10,19 +10,18 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.ranking.config import Candidate, Combination
 from dynident.apps.ranking.differences import MIN_RELATIVE_ERROR, SIGNIFICANCE_LEVEL, TrueParameters
 from dynident.identification import SubstituteUsed
 from dynident.motion.splines import NORMAL_95
 from dynident.runtime import Finding, Noun, Use, join_names
+from dynident.runtime.arrays import Array
 from dynident.runtime.jobs import Status
 
 if TYPE_CHECKING:
     import polars as pl
 
-Array = NDArray[np.float64]
 MIN_CONTRADICTION_RATIO = 1.1  # times the error of another in cross-validation, from which on the best is contradicted
 Basis = Literal["validation", "train"]
 MAX_SLIGHT_SHARE = 0.01  # of the least error: a difference that no use of a model shows

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from dynident.apps.ranking.ranking import CombinationOutcome, geometric_mean
+from dynident.apps.ranking.config import Combination
+from dynident.apps.ranking.ranking import CombinationOutcome, RankedCombination, Ranking, geometric_mean
 from dynident.report.check import finding_groups
 from dynident.report.page import Column, PageTable
-from dynident.runtime import count, join_names, number, part_text, percent, place_and_text, short
-
-if TYPE_CHECKING:
-    from dynident.apps.ranking.config import Combination
-    from dynident.apps.ranking.ranking import RankedCombination, Ranking
-    from dynident.runtime import Finding
+from dynident.runtime import Finding, count, join_names, number, part_text, percent, place_and_text, short
 
 MAX_ROWS = 4  # rows of a ranking in a terminal
 MAX_NAMED = 4  # combinations that a sentence names

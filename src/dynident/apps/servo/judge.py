@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.servo.fit import SETTLING, WINDOW, split_into_windows, window_residuals
 from dynident.apps.servo.plant import ServoLog, ServoPlant
 from dynident.apps.servo.start import SmoothLog
 from dynident.apps.servo.values import ServoValues
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_GOOD_ERROR, MAX_FAIR_ERROR = 0.02, 0.1  # of the spread of a joint's motion
 NOISE_FACTOR = 2.0  # times the noise of the positions: a smaller error is not seen
 

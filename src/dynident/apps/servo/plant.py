@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from dynident.apps.servo.values import ServoValues
 from dynident.runtime import ModelError, Noun, install_command
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.servo.judge import ServoRollout, ServoUse
 from dynident.apps.servo.predict import ServoPrediction
@@ -18,8 +17,8 @@ from dynident.report.figures import AMBER, BLUE, INK, curve, panels
 from dynident.report.page import UNIT, Badge, Column, Facts, Figure, Fold, Gallery, PageSection, PageTable, render
 from dynident.report.page import pair_table as pairs
 from dynident.runtime import number
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 NUMBERS, PAGE, MODEL = "servo.json", "report.html", "robot.xml"
 INTERVAL = 1.96  # standard errors on each side, which hold 95 %
 TONES = {ServoUse.GOOD: "good", ServoUse.CARE: "fair", ServoUse.NO: "bad"}

@@ -9,7 +9,6 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.servo.backlash import add_gaps
 from dynident.apps.servo.plant import ServoLog, ServoPlant, compile_plant, ignore_divergence, import_mujoco
@@ -18,8 +17,8 @@ from dynident.files.xml_text import XmlNode, XmlText
 from dynident.project.config import robot_text
 from dynident.project.settings import RobotSettings
 from dynident.runtime import ModelError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 UNSEEN = ("visual", "collision", "transmission", "gazebo", "material")  # of a URDF: what the motion does not need
 MAX_ROLLOUT_DIFFERENCE = 1e-6  # rad or m, of the written file from the model that was fitted
 MAX_PROOF_STEPS = 2000

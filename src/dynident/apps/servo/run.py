@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.servo.backlash import Backlash, find_backlash
 from dynident.apps.servo.commands import command_findings
@@ -28,8 +27,8 @@ from dynident.project.logs import read_recording, read_unchecked, turning_joints
 from dynident.project.project import Project, log_files
 from dynident.project.settings import Config, LogSpec, RobotSettings, check_joints
 from dynident.runtime import ConfigError, ModelError, Noun, Severity, number, report_progress, require
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_NOISE_RATIO = 1.3  # of residuals to noise, beyond which another kind of commands is tried
 MAX_ROUNDS = 2  # of testing what is given and fitting it too
 

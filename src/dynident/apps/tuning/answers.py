@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dash import ctx, html, no_update
 from dash.exceptions import PreventUpdate
 
 from dynident.apps.tuning import readout
+from dynident.apps.tuning.bench import Bench
+from dynident.apps.tuning.curve import SmoothedJoint
 from dynident.apps.tuning.drawings import (
     OTHER_SETTING,
     Zoom,
@@ -20,20 +22,15 @@ from dynident.apps.tuning.drawings import (
     torque_drawing,
 )
 from dynident.apps.tuning.edit import apply_control, degree_words, setting_changes
+from dynident.apps.tuning.quick_fit import QuickFit
 from dynident.apps.tuning.readout import parameter_table
-from dynident.apps.tuning.session import Stale, tuned_paths
+from dynident.apps.tuning.session import Session, Stale, tuned_paths
+from dynident.apps.tuning.tuning import Tuning
 from dynident.apps.tuning.view import View
+from dynident.report import Array, Drawing
 from dynident.report.figures import time_origin
 from dynident.report.page import typeset
 from dynident.runtime import DynidentError, number
-
-if TYPE_CHECKING:
-    from dynident.apps.tuning.bench import Bench
-    from dynident.apps.tuning.curve import SmoothedJoint
-    from dynident.apps.tuning.quick_fit import QuickFit
-    from dynident.apps.tuning.session import Session
-    from dynident.apps.tuning.tuning import Tuning
-    from dynident.report import Array, Drawing
 
 
 class Page:

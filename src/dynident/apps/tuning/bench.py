@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.tuning.curve import DegreeCurve, SmoothedJoint, degree_curve, rule_degrees, smoothed_joint
 from dynident.apps.tuning.quick_fit import QuickFit, fold_factors, quick_fit
@@ -25,9 +24,9 @@ from dynident.motion.smoothers import Smoother, Spline, TimeShifted, smooth_log,
 from dynident.motion.splines import Constraint
 from dynident.regression import Regression, merge_factors, one_thread
 from dynident.runtime import ConfigError, choices, join_names
+from dynident.runtime.arrays import Array
 from dynident.runtime.cache import Cache
 
-Array = NDArray[np.float64]
 Logs = Mapping[str, Mapping[str, Log]]
 Columns = tuple[Array, Mapping[str, Array]]  # stamps (N, s), and columns (N) by name
 T = TypeVar("T")

@@ -17,8 +17,8 @@ from dynident.motion.smoothers import Smoother, Spline, smooth_log
 from dynident.motion.smoothers.spline import NOISE_FACTORS
 from dynident.motion.splines import GCV, NORMAL_95, REML, stretches
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 MIN_DEGREE = -6.0  # log10(S/n) of a spline through the data
 MAX_LAGS = 400  # of the autocorrelation, at most

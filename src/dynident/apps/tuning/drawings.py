@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from dynident.apps.tuning.curve import DegreeCurve, SmoothedJoint
+from dynident.apps.tuning.quick_fit import LogPrediction
 from dynident.report import Array, Drawing, thin
 from dynident.report.figures import (
     AMBER,
@@ -26,10 +28,6 @@ from dynident.report.figures import (
     with_gaps,
 )
 from dynident.runtime import shorten_names
-
-if TYPE_CHECKING:
-    from dynident.apps.tuning.curve import DegreeCurve, SmoothedJoint
-    from dynident.apps.tuning.quick_fit import LogPrediction
 
 Zoom = tuple[float, float] | None  # s of the log, None for all of it
 Curve = tuple[int, str, Array, str, float]  # row, name, values, colour, width

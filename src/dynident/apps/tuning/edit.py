@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
+from dynident.apps.tuning.bench import Bench
+from dynident.apps.tuning.tuning import Tuning
+from dynident.apps.tuning.view import View
 from dynident.regression import ParallelFilter
 from dynident.runtime import ConfigError, choices, number, part_text, percent
-
-if TYPE_CHECKING:
-    from dynident.apps.tuning.bench import Bench
-    from dynident.apps.tuning.tuning import Tuning
-    from dynident.apps.tuning.view import View
 
 T = TypeVar("T")
 _VIEWS: Mapping[str, Callable[[View, str], View]] = {

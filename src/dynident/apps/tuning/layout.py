@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from dash import dcc, html
 
+from dynident.apps.tuning.bench import Bench
 from dynident.apps.tuning.drawings import SLIDER_RANGE
 from dynident.apps.tuning.edit import estimator_words
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from dynident.apps.tuning.bench import Bench
 
 PLOT_CONFIG = {"displaylogo": False, "responsive": True, "doubleClick": "reset"}
 PLOT_BUTTONS = {"modeBarButtons": [["zoom2d", "pan2d", "resetScale2d", "toImage"]]}

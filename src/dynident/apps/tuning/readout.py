@@ -4,25 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from dash import html
 
-from dynident.apps.tuning.edit import error_words
+from dynident.apps.tuning.edit import Change, error_words
+from dynident.apps.tuning.quick_fit import LogPrediction, QuickFit
 from dynident.identification import Identification, judge
-from dynident.models import INERTIAL
+from dynident.models import INERTIAL, Parameter
 from dynident.motion.splines import NORMAL_95
 from dynident.report import Array
 from dynident.report.identification.report import TONES
 from dynident.report.page import cell, unit_text
-from dynident.runtime import number
-
-if TYPE_CHECKING:
-    from dynident.apps.tuning.edit import Change
-    from dynident.apps.tuning.quick_fit import LogPrediction, QuickFit
-    from dynident.models import Parameter
-    from dynident.runtime import Step
+from dynident.runtime import Step, number
 
 ROLES = {"train": "training", "validation": "held out"}
 MIN_ERROR_CHANGE = 5e-3  # points of an error that are no difference

@@ -22,8 +22,8 @@ from dynident.models import (
 from dynident.models.friction import Coulomb, JointTerm, Offset, PerJoint, Viscous
 from dynident.models.robot_files import ArmBody
 from dynident.runtime import ModelError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 ADVICE = "identify with `estimator: {kind: consistent}` to avoid this; parameters.yaml and model.py hold any values"
 MAX_NOMINAL_SHARE = 0.999  # the fixed links keep their nominal inertias up to this share of the largest consistent one
 

@@ -7,7 +7,6 @@ from itertools import chain, count
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.files.meshes import inertial_element, named_body_nodes
 from dynident.files.xml_text import XmlNode, XmlText
@@ -17,8 +16,8 @@ from dynident.project.export.servos import actuator_lines, range_lines, ranges
 from dynident.project.export.tree_text import mesh_notes, mjcf_of, numbers_text, urdf_of
 from dynident.project.export.written import ExportText, move_notes, place_values
 from dynident.runtime import ModelError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 EARTH_GRAVITY = (0.0, 0.0, -9.81)
 FILE_ATTRIBUTES = {"mesh": ("filename",), "texture": ("filename",), "compiler": ("meshdir", "texturedir", "assetdir")}
 TENSOR_ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}

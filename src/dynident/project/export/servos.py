@@ -9,7 +9,6 @@ from numbers import Real
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.files.xml_text import XmlText
 from dynident.identification import Identification
@@ -21,8 +20,8 @@ from dynident.project.export.identified import Drives, IdentifiedModel, Servo
 from dynident.project.export.tree_text import element
 from dynident.project.settings import Config
 from dynident.runtime import DynidentError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 NORMAL_95 = 1.96  # standard errors to either side
 COMMAND_STEP = 5e-4  # s: MuJoCo keeps enough commands for a time step as short as this
 ATTRIBUTES: Mapping[type, str] = {Viscous: "damping", Coulomb: "friction", RotorInertia: "armature"}

@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dynident.files.xml_text import XmlNode, XmlText
@@ -32,8 +31,8 @@ from dynident.project.export.simulator_code import ISAAC, PINOCCHIO
 from dynident.project.export.tree_text import element
 from dynident.project.export.written import ExportText, Reader, States, place_values
 from dynident.runtime import DynidentError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 DRAKE_NAMESPACE = "http://drake.mit.edu"
 DRAKE_MODEL, DRAKE_PACKAGE = "arm", "dynident"  # names in model directives
 EARTH = 9.81  # m/s^2, gravity of a world of Drake

@@ -14,14 +14,13 @@ from pathlib import PurePath
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dynident.models import RigidBodies
 from dynident.models.robot_files import RobotJoint, Shape, ShapeKind
 from dynident.runtime import count
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 WORLD = "world"  # the name that MuJoCo has for what does not move
 JOINT_TAGS = {"revolute": "hinge", "prismatic": "slide"}
 # a visual shape touches nothing

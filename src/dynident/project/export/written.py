@@ -8,7 +8,6 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Constraints, Limit, bodies_of, parameter_scales, sign_limits
 from dynident.estimators.cone import minimise
@@ -16,8 +15,8 @@ from dynident.models import Model, smallest_eigenvalue
 from dynident.project.export.identified import IdentifiedModel, holdable_mask
 from dynident.regression import BaseParameters, structural_base_parameters
 from dynident.runtime import ConfigError, ModelError, brief
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 States = tuple[Array, Array, Array]
 Reader = Callable[[str, IdentifiedModel, States], Array]
 

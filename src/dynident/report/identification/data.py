@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from dynident.checks import Excitation
 from dynident.checks.motion import excitation
+from dynident.identification import Identification
+from dynident.models import Joint
+from dynident.motion.log import Motion
 from dynident.report.check import excitation_cells
 from dynident.report.figures import clock
 from dynident.report.identification.figures import motion_figure, pieces_figure
@@ -27,13 +30,7 @@ from dynident.report.page import (
 )
 from dynident.report.words import ROLES, day, figure_gallery, logs_of, points, settings_of
 from dynident.runtime import count, join_names, number, percent, short
-from dynident.validation import MAX_LOST_ACCELERATION, FollowTest, follow_tests
-
-if TYPE_CHECKING:
-    from dynident.identification import Identification
-    from dynident.models import Joint
-    from dynident.motion.log import Motion
-    from dynident.validation import LogValidation
+from dynident.validation import MAX_LOST_ACCELERATION, FollowTest, LogValidation, follow_tests
 
 MIN_FOLDED_ROWS = 24  # rows from which on a table is folded
 _EXCITATION = (

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.estimators import Pieces
 from dynident.identification.terms import TermTrial, TrialOutcome
+from dynident.models import Model
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import NORMAL_95
+from dynident.regression import BaseParameters
 from dynident.report.figures import (
     AMBER,
     BLUE,
@@ -32,12 +35,7 @@ from dynident.report.figures import (
     with_gaps,
 )
 from dynident.runtime import InputError, choices
-
-if TYPE_CHECKING:
-    from dynident.estimators import Pieces
-    from dynident.models import Model
-    from dynident.regression import BaseParameters
-    from dynident.validation import FreeRun, LogValidation
+from dynident.validation import FreeRun, LogValidation
 
 HELD_OUT_COLOURS = (BLUE, GREEN, AMBER, RED)
 JOINT_COLOURS = (BLUE, RED, GREEN, AMBER, INK, PALE)

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from dynident.identification import Identification
 from dynident.report.words import ROLES, logs_of
 from dynident.runtime import join_names, number
-from dynident.validation import FloorOrigin
-
-if TYPE_CHECKING:
-    from dynident.identification import Identification
-    from dynident.validation import LogValidation
+from dynident.validation import FloorOrigin, LogValidation
 
 MAX_LISTED = 3  # logs in a line
 

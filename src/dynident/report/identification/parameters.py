@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynident.identification import Identification
 from dynident.identification.links import DeterminedBy, LinkInertia, determined_by, link_inertias
-from dynident.models import INERTIAL, Geometry, ShapeSource
+from dynident.models import INERTIAL, Geometry, Parameter, ShapeSource
 from dynident.report.equations import with_formulas
 from dynident.report.identification.figures import has_nominal_values, interval_figure, relative_std
 from dynident.report.page import MEANING, UNIT, Column, Figure, Fold, Gallery, Head, PageBlock, PageSection, PageTable
 from dynident.report.words import motion_known
 from dynident.runtime import count, join_names, number
-
-if TYPE_CHECKING:
-    from dynident.identification import Identification
-    from dynident.models import Parameter
 
 MAX_FULL_LIST = 40  # a terminal shows up to this many parameters all
 MAX_ONE_FIGURE = 30  # more parameters are drawn group by group

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from dynident.files.meshes import result_geometry, rods_for
 from dynident.files.results import json_text
-from dynident.identification import Remedy, judge
+from dynident.identification import Identification, Remedy, Verdict, judge
 from dynident.identification.links import rigid_bodies
 from dynident.identification.verdict import NAMED_REASONS
 from dynident.identification.verdict_reasons import ForbiddingFindings
 from dynident.identification.verdict_steps import CheckRipple, Cover, Sharpen, SlowReversals
+from dynident.models import Geometry
+from dynident.project.export import Export
 from dynident.project.saved import result_data
 from dynident.regression import UnexcitedParameters
 from dynident.report.check import finding_groups, finding_table
@@ -45,14 +47,8 @@ from dynident.report.identification.validation import (
 )
 from dynident.report.page import Badge, Beside, Facts, Figure, Fold, PageBlock, PageSection, PageTable, render
 from dynident.report.words import ROLES, Line, day, label_of, logs_of, note_lines
-from dynident.runtime import Severity, Use, count, join_names, number, place_and_text
+from dynident.runtime import Finding, Severity, Use, count, join_names, number, place_and_text
 from dynident.validation import residual_text
-
-if TYPE_CHECKING:
-    from dynident.identification import Identification, Verdict
-    from dynident.models import Geometry
-    from dynident.project.export import Export
-    from dynident.runtime import Finding
 
 TONES: dict[Use, Literal["good", "fair", "bad"]] = {Use.SIMULATION: "good", Use.CONTROL: "good", Use.DO_NOT_USE: "bad"}
 STYLES = {use: "red" if tone == "bad" else "green" for use, tone in TONES.items()}  # in a terminal

@@ -6,13 +6,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import lru_cache
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynident.identification import Identification
 from dynident.identification.links import BodyInertia, DeterminedBy, LinkInertia, link_inertias, rigid_bodies
-from dynident.models import Geometry, Outline, outlines, rod_geometry
+from dynident.models import Geometry, Outline, RigidBodies, outlines, rod_geometry
+from dynident.project.export import Export, FileError
 from dynident.report.figures import AMBER, BLUE, GREEN, VIOLET, Trace, plain, time_origin
 from dynident.report.identification.parameters import SOURCE_WORDS, link_title
 from dynident.report.page import Column, Figure, PageBlock, PageSection, PageTable, relative_link
@@ -34,12 +35,6 @@ from dynident.report.scene import (
 from dynident.report.words import log_labels, tiny
 from dynident.runtime import count, number, percent
 
-if TYPE_CHECKING:
-    from dynident.identification import Identification
-    from dynident.models import RigidBodies
-    from dynident.project.export import Export, FileError
-
-Array = NDArray[np.float64]
 MAX_TRIANGLES = 300  # of a link
 REPLAY_RATE = 25.0  # Hz, of the poses along a recording, which the page draws a line between
 MAX_POSES = 60_000  # positions of single bodies in all recordings of a page

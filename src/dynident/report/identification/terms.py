@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynident.estimators import Consistency
-from dynident.identification.terms import TermTrial, TrialOutcome
+from dynident.identification import Identification
+from dynident.identification.terms import TermChoice, TermTrial, TrialOutcome
 from dynident.identification.terms.search import MIN_GAIN, MIN_GAIN_ERRORS, MIN_STRICT_GAIN_ERRORS
+from dynident.regression import BaseParameters
 from dynident.report.figures import Array
 from dynident.report.identification.data import excitation_table
 from dynident.report.identification.figures import interval_figure, relative_std, singular_figure, trial_figure
@@ -17,11 +18,6 @@ from dynident.report.page import UNIT, Column, Facts, Figure, Fold, Gallery, Hea
 from dynident.report.words import huge, motion_known, tiny
 from dynident.runtime import number
 from dynident.runtime.families import TERMS
-
-if TYPE_CHECKING:
-    from dynident.identification import Identification
-    from dynident.identification.terms import TermChoice
-    from dynident.regression import BaseParameters
 
 OUTCOMES: Mapping[TrialOutcome, str] = {
     TrialOutcome.ENTERED: "entered",

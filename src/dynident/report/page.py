@@ -123,13 +123,18 @@ class PageTable:
 
     @classmethod
     def of(
-        cls, texts: Sequence[str], heads: Iterable[Head], rows: Iterable[Iterable[str]], caption: str = ""
+        cls,
+        texts: Sequence[str],
+        heads: Iterable[Head],
+        rows: Iterable[Iterable[str]],
+        caption: str = "",
+        links: Iterable[str] = (),
     ) -> PageTable:
         """Return a table: columns of ``texts`` by their titles, then those of the ``heads``."""
         columns = [Column(title, numeric=False) for title in texts]
         for head in heads:
             columns.append(head if isinstance(head, Column) else Column(*((head,) if isinstance(head, str) else head)))
-        return cls(tuple(columns), tuple(map(tuple, rows)), caption)
+        return cls(tuple(columns), tuple(map(tuple, rows)), caption, tuple(links))
 
     @property
     def groups(self) -> tuple[tuple[str, int], ...]:

@@ -47,9 +47,6 @@ class Family(Protocol):
     def guard(self, points: int, /) -> LimitConstraints:
         """Return the constraints that keep a motion within its limits; more ``points`` leave less of them unused."""
 
-    def course(self, x: Array, /) -> LinearCourse:
-        """Return the motion with coefficients x (n, K), once through."""
-
 
 class LinearCourse(Noun):
     """Motion of a family with coefficients ``x`` (n, K), once through."""
@@ -126,10 +123,6 @@ class Fourier:
         shifted_x[:, 1::2], shifted_x[:, 2::2] = a * cos - b * sin, a * sin + b * cos
         return shifted_x
 
-    def course(self, x: Array) -> LinearCourse:
-        """Return one period with coefficients x (n, K)."""
-        return LinearCourse(self, np.asarray(x, dtype=float))
-
 
 @dataclass(frozen=True)
 class ClampedSpline:
@@ -167,10 +160,6 @@ class ClampedSpline:
         # each derivative has a degree less, and one knot less at either end
         q, dq, ddq, jerk = (self._control_points(knots[d : len(knots) - d], d) for d in range(4))
         return LimitConstraints((q, dq, ddq, jerk), 1.0)
-
-    def course(self, x: Array) -> LinearCourse:
-        """Return the motion with coefficients x (n, K)."""
-        return LinearCourse(self, np.asarray(x, dtype=float))
 
     def _control_points(self, knots: Array, d: int) -> Array:
         """Return the control points (R, K) of the derivatives of order ``d`` of the functions on finer knots."""

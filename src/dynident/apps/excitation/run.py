@@ -20,7 +20,7 @@ from dynident.apps.excitation.players import FRANKA, ROS, players
 from dynident.apps.excitation.report import MOTIONS, SLOWER, TRIAL, excitation_findings, excitation_page, motions_of
 from dynident.apps.excitation.robot import ExcitationProject, read_excitation
 from dynident.apps.excitation.trajectory import Trajectory, slow_down
-from dynident.apps.excitation.verify import LimitError, verify
+from dynident.apps.excitation.verify import QUANTITIES, LimitError, verify
 from dynident.files.folder import REPORT, ResultFolder, refuse_other_report, result_folder
 from dynident.files.opener import content, refuse_inputs, watch_inputs
 from dynident.files.results import json_text
@@ -209,8 +209,7 @@ def _values_by_joint(design: Design, values: np.ndarray[Any, Any]) -> dict[str, 
 
 def _check_dict(design: Design, k: int) -> dict[str, Any]:
     check = design.checks[k]
-    quantities = ("position", "velocity", "acceleration", "jerk", "torque")
-    reached = {name: _values_by_joint(design, row) for name, row in zip(quantities, check.reached, strict=True)}
+    reached = {name: _values_by_joint(design, row) for name, row in zip(QUANTITIES, check.reached, strict=True)}
     nearest = {
         name: value and asdict(value) for name, value in (("links", check.nearest), ("shapes", check.nearest_shapes))
     }

@@ -67,7 +67,7 @@ def _toggle_term(view: View, bench: Bench, kind: Any) -> Tuning:
     # the joint that is drawn decides whether the kind is switched on or off, on all joints alike
     is_on = kind in view.tuning.terms[bench.joints.index(view.joint)]
     new = [(set(old) | {kind}) - ({kind} if is_on else set()) for old in view.tuning.terms]
-    new_terms = [tuple(candidate for candidate in bench.kinds if candidate in kinds) for kinds in new]
+    new_terms = [tuple(candidate for candidate in bench.switches.kinds if candidate in kinds) for kinds in new]
     return replace(view.tuning, terms=_replace_values(view, bench, view.tuning.terms, new_terms))
 
 

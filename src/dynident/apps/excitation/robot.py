@@ -82,7 +82,9 @@ class ExcitationProject(Noun):
     def geometry(self) -> Geometry | None:
         """The shapes of the links, None where the model is not made of a robot file."""
         bodies = next((term for term in self.prior.model.terms if isinstance(term, RigidBodies)), None)
-        return bodies and read_geometry(bodies, self.file or Path(bodies.source), self.settings.packages)
+        if bodies is None:
+            return None
+        return read_geometry(bodies, self.file or Path(bodies.source), self.settings.packages)
 
     @cached_property
     def space(self) -> Space:

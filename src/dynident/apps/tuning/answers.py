@@ -111,7 +111,7 @@ class Page:
         unit, fine = bench.switches.model.joints[joint].unit, bool(request.get("fine"))
         windows, zoom = tuning.windows(view.log), _zoom_window(request)
         motion = motion_drawing(smoothed, unit, windows, zoom, fine=fine, beside=beside)
-        reply = {"motion": drawing_data(motion), "words": _smoothing_words(smoothed, unit)}
+        reply: dict[str, Any] = {"motion": drawing_data(motion), "words": _smoothing_words(smoothed, unit)}
         reply |= {"zero": time_origin(smoothed.t), "degree": degree_words(tuning.degree[joint])}
         return reply | ({"residual": drawing_data(residual_drawing(smoothed, unit))} if fine else {})
 

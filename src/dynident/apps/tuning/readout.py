@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -135,6 +135,7 @@ class ParameterRow(NamedTuple):
 def determined_parameters(result: QuickFit | Identification) -> list[ParameterRow]:
     """Return the parameters that the data determine; friction and other terms first, then the bodies."""
     parameters, estimate = result.model.parameters, result.estimate
+    columns: tuple[Iterable[Any], ...]
     if isinstance(result, Identification):
         base, std = result.base.on_data, result.errors.base_std
         if base is None or std is None:  # the estimate itself is shown

@@ -172,7 +172,9 @@ def choose_fit(
     entries += [Entry(Quantity.KP, k) for k in joints if free_kp[k]]
     entries += [Entry(Quantity.DELAY, 0)] if free_delay else []
     motions, fit = fit_windows(plant, motions, start, entries)
-    if settings.commands == "estimate" and _is_unexplained(fit, motions):
+    # the simulation misses positions by clearly more than their noise
+    is_unexplained = (fit.scale > MAX_NOISE_RATIO * position_noise(motions[0].log.q)).any()
+    if settings.commands == "estimate" and is_unexplained:
         motions, fit = _try_interpolated(plant, motions, nominal, fit)
     suspects: list[Entry] = []
     for _ in range(MAX_ROUNDS):
@@ -197,11 +199,6 @@ def fit_windows(
         fit = fit_values(plant, windows, values, entries)
         values = fit.values
     return windows, fit
-
-
-def _is_unexplained(fit: ServoFit, motions: Sequence[SmoothLog]) -> bool:
-    """Whether the simulation misses positions by clearly more than their noise."""
-    return bool((fit.scale > MAX_NOISE_RATIO * position_noise(motions[0].log.q)).any())
 
 
 def _try_interpolated(

@@ -154,11 +154,6 @@ class PageTable:
         long = sorted(word for word in words if len(word) > MAX_NAME_LENGTH)
         return dict(zip(long, shorten_names(long, MAX_NAME_LENGTH), strict=True))
 
-    @property
-    def titled(self) -> bool:
-        """Whether any column has a title."""
-        return any(column.title for column in self.columns)
-
 
 @dataclass(frozen=True)
 class Facts:
@@ -293,22 +288,12 @@ def stylesheet() -> str:
 def _environment() -> jinja2.Environment:
     import jinja2
 
+    loader, undefined = jinja2.PackageLoader("dynident.report"), jinja2.StrictUndefined
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("dynident.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+        loader=loader, autoescape=True, undefined=undefined, trim_blocks=True, lstrip_blocks=True
     )
-    filters = {
-        "kind": _block_kind,
-        "cell": cell,
-        "said": typeset,
-        "json": _figure_json,
-        "words": sentence,
-        "names": _shorten_names,
-    }
-    environment.filters |= filters
+    environment.filters |= {"kind": _block_kind, "cell": cell, "said": typeset}
+    environment.filters |= {"json": _figure_json, "words": sentence, "names": _shorten_names}
     return environment
 
 

@@ -82,9 +82,9 @@ def tiny(value: float, digits: int = 2) -> str:
     return f"below {ROUNDING:g}" if 0 < abs(value) < ROUNDING else number(value, digits)
 
 
-def huge(value: float, digits: int = 2) -> str:
+def huge(value: float) -> str:
     """Format a ratio; one that rounding makes of infinity is given as above a limit."""
-    return f"above {1 / ROUNDING:g}" if 1 / ROUNDING < value < inf else number(value, digits)
+    return f"above {1 / ROUNDING:g}" if 1 / ROUNDING < value < inf else number(value, 2)
 
 
 def figure_gallery(

@@ -219,12 +219,12 @@ def find_changes_and_residuals(
     if not residuals:
         return find_changes(histories, groups, parameter_rng, rate=rate, draws=_enough_draws(rate, draws))
     parameter_rate, residual_rate = rate * (1 - RESIDUAL_RATE_SHARE), rate * RESIDUAL_RATE_SHARE
-    searches = (
-        (histories, groups, parameter_rng, parameter_rate),
-        (residuals, residual_groups(joints), residual_rng, residual_rate),
-    )
     found, found_residuals = (
-        find_changes(*search, rate=share, draws=_enough_draws(share, draws)) for *search, share in searches
+        find_changes(logs, directions, search_rng, rate=share, draws=_enough_draws(share, draws))
+        for logs, directions, search_rng, share in (
+            (histories, groups, parameter_rng, parameter_rate),
+            (residuals, residual_groups(joints), residual_rng, residual_rate),
+        )
     )
     history_by_robot, joint_names = {history.robot: history for history in residuals}, {joint.name for joint in joints}
     # as by Bonferroni, each search has its share of the rate, and p-values are divided by it

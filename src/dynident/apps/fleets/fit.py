@@ -296,8 +296,8 @@ def _gravity_and_tilt(recipe: FleetRecipe, robot: str) -> tuple[str, tuple[float
     model = recipe.of(robot).get("model")
     model = model if isinstance(model, Mapping) else {}
     tilt = model.get("base_tilt")
-    is_given = isinstance(tilt, Sequence) and not isinstance(tilt, str)
-    return str(model.get("gravity")), (tilt[0], tilt[1]) if is_given else NO_TILT
+    tilt = tilt if isinstance(tilt, Sequence) and not isinstance(tilt, str) else NO_TILT
+    return str(model.get("gravity")), (tilt[0], tilt[1])
 
 
 @lru_cache(maxsize=16)

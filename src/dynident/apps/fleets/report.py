@@ -30,6 +30,7 @@ from dynident.report.page import (
     Figure,
     Fold,
     Gallery,
+    Head,
     PageBlock,
     PageSection,
     PageTable,
@@ -140,7 +141,7 @@ def _lead_text(rows: Sequence[Row], robots: int, logs_per_robot: int) -> str:
 def _log_table(rows: Sequence[Row], joints: Sequence[str], max_rows: int) -> PageTable:
     last_rows = rows[-max_rows:]
     has_held_out = any(row["held_out"] for row in last_rows)
-    heads = ("error, %", "worst joint, %", *["held out, %"] * has_held_out, "samples", "time, s", REASON)
+    heads: list[Head] = ["error, %", "worst joint, %", *["held out, %"] * has_held_out, "samples", "time, s", REASON]
     cells = []
     for row in last_rows:
         errors = [number(row["error"], 3), _worst_joint_text(row["errors"], joints)]

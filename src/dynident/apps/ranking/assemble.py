@@ -226,20 +226,22 @@ def assemble_ranking(name: str, task: Task, rows: ComparisonRows, rng: np.random
     applicable = [entry for entry in entries if entry.outcome is not CombinationOutcome.NOT_APPLICABLE]
     # those without an error come last
     ordered = sorted(applicable, key=lambda entry: entry.error if math.isfinite(entry.error) else math.inf)
-    chance: tuple[float, float, bool] = (math.nan, 0.0, False)
+    block, blocks, has_enough_blocks = math.nan, 0.0, False
     if difference_test is not None:
-        seconds = difference_test.length * task.blocks[basis].seconds
-        chance = (seconds, difference_test.drawn_blocks, difference_test.has_enough_blocks)
-    absent, shares = tuple(_inapplicable_parts(attempted, not_smoothed)), (rows.common.shares, rows.common.kept_shares)
-    truth = ((), ()) if task.truth is None else (task.truth.names, task.truth.units)
+        block = difference_test.length * task.blocks[basis].seconds
+        blocks, has_enough_blocks = difference_test.drawn_blocks, difference_test.has_enough_blocks
+    names, units = ((), ()) if task.truth is None else (task.truth.names, task.truth.units)
     # of several parts of a smoother the one that was chosen
     smoothers = tuple(
         smoother if row["chosen"] is None else replace(smoother, parts=(smoother.parts[row["chosen"]],))
         for smoother, row in zip(rows.smoothers, rows.smooth, strict=True)
     )
     return Ranking(
-        name, task.joints, basis, tuple(ordered), absent, *shares, *chance, task.folds, *truth, smoothers,
-        rows.estimators, rows.computed, tuple(_repeated_logs(task)), task.findings, _time_offsets(task, rows),
+        name, task.joints, basis, rows=tuple(ordered), absent=tuple(_inapplicable_parts(attempted, not_smoothed)),
+        shares=rows.common.shares, kept_shares=rows.common.kept_shares, block=block, blocks=blocks,
+        has_enough_blocks=has_enough_blocks, folds=task.folds, parameters=names, units=units, smoothers=smoothers,
+        estimators=rows.estimators, computed=rows.computed, repeats=tuple(_repeated_logs(task)),
+        findings=task.findings, offsets=_time_offsets(task, rows),
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from dynident.apps.ranking.report import (
 )
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, INK, RED, VIOLET, Trace, panels, plain, trace
-from dynident.report.page import Badge, Column, Facts, Figure, Fold, PageBlock, PageSection, PageTable, render
+from dynident.report.page import Badge, Column, Facts, Figure, Fold, Head, PageBlock, PageSection, PageTable, render
 from dynident.report.words import huge
 from dynident.runtime import count, number, part_text, percent, short, shorten_names
 
@@ -287,7 +287,7 @@ def _joint_table(ranking: Ranking) -> PageTable:
 
 
 def _truth_blocks(ranking: Ranking) -> Iterator[PageBlock]:
-    heads = ("error, median %", "error, in bounds (rms)", "intervals that hold it", "of")
+    heads: list[Head] = ["error, median %", "error, in bounds (rms)", "intervals that hold it", "of"]
     rows = [
         (
             *display_names(row.combination), number(row.truth.relative, 3),
@@ -302,7 +302,7 @@ def _truth_blocks(ranking: Ranking) -> Iterator[PageBlock]:
         "spread together), and how many of the 95 % intervals hold the truth."
     )
     yield PageTable.of(NAMES, heads, rows, "Base parameters against the truth")
-    heads = ("error", "std", Column("unit", numeric=False))
+    heads = ["error", "std", Column("unit", numeric=False)]
     for row in dict.fromkeys((ranking.choice, ranking.best, ranking.configured_entry)):
         if row is not None and row.truth:
             errors = zip(

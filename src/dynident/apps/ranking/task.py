@@ -268,7 +268,7 @@ class Smoothing(Noun):
 
 def restore_alignment(part: Smoother, shift: Sequence[float], time_offset: float) -> Alignment:
     """Return a smoother with the time offset of its row, or else with ``time_offset`` (s)."""
-    offset = TimeOffset(*shift) if len(shift) else None
+    offset = TimeOffset(shift[0], shift[1], shift[2], shift[3] if len(shift) > 3 else None) if len(shift) else None
     seconds = offset.seconds if offset else time_offset
     return Alignment(TimeShifted(strip_time_offset(part), seconds) if seconds else part, None, offset)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -135,17 +135,15 @@ class ParameterRow(NamedTuple):
 def determined_parameters(result: QuickFit | Identification) -> list[ParameterRow]:
     """Return the parameters that the data determine; friction and other terms first, then the bodies."""
     parameters, estimate = result.model.parameters, result.estimate
-    columns: tuple[Iterable[Any], ...]
     if isinstance(result, Identification):
         base, std = result.base.on_data, result.errors.base_std
-        if base is None or std is None:  # the estimate itself is shown
-            columns = parameters, estimate.names, estimate.value, result.errors.std
-            base = None
+        columns = estimate.names, estimate.value, result.errors.std  # unless there is a base
     else:
         base, std = result.base, result.base_std
-    if base is not None:
-        columns = [parameters[k] for k in base.independent], base.groupings, base.to_base(estimate.value), std
-    rows = sorted(zip(*columns, strict=True), key=lambda row: row[0].role in INERTIAL)
+    if base is not None and std is not None:
+        parameters = tuple(parameters[k] for k in base.independent)
+        columns = base.groupings, base.to_base(estimate.value), std
+    rows = sorted(zip(parameters, *columns, strict=True), key=lambda row: row[0].role in INERTIAL)
     return [ParameterRow(leading.name, formula, leading.unit, *map(float, size)) for leading, formula, *size in rows]
 
 

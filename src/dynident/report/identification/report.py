@@ -149,11 +149,8 @@ def identification_page(
 
 def _lead_text(identification: Identification) -> str:
     model = identification.model
-    logs = "; ".join(
-        f"{word}: {join_names(log.name for log in logs)}"
-        for role, word in ROLES.items()
-        if (logs := logs_of(identification, role))
-    )
+    by_word = {word: logs_of(identification, role) for role, word in ROLES.items()}
+    logs = "; ".join(f"{word}: {join_names(log.name for log in logs)}" for word, logs in by_word.items() if logs)
     return (
         f"{count(len(model.parameters), 'parameter')} of {count(len(model.joints), 'joint')} from "
         f"{count(len(identification.validations), 'log')}. {logs[:1].upper()}{logs[1:]}.{_date_words(identification)}"
@@ -216,10 +213,8 @@ def identification_notes(identification: Identification) -> list[Line]:
     ]
     other_lines = [*note_lines(identification.notes), *_check_lines(_other_findings(identification))]
     offset, tilt = identification.calibration.time_offset, identification.calibration.base_tilt
-    corrections = [
-        *([offset] if offset is not None and offset.seconds else ()),
-        *([tilt] if tilt is not None and (tilt.x or tilt.y) else ()),
-    ]
+    corrections: list[object] = [offset] if offset is not None and offset.seconds else []
+    corrections += [tilt] if tilt is not None and (tilt.x or tilt.y) else []
     return [
         *(Line(f"Note: {correction}.") for correction in corrections),
         *map(Line, (*notes, *unknown_noise(identification))),

@@ -174,9 +174,9 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
                 state_folder = folder.path if folder else None
                 identification = project.identify(executor=executor, limits=spread.limits, folder=state_folder)
             report_progress("writing and verifying the model")
-            provenance, model_exports = identification.provenance, ()
+            model_exports: tuple[Export, ...] = ()
             if folder:
-                model_exports = relocate_exports(folder.path, exports(identification), provenance)
+                model_exports = relocate_exports(folder.path, exports(identification), identification.provenance)
         # written before anything is printed: the reader of a pipe may close it early
         written = write_result(folder, identification, model_exports) if folder else []
         if write_config:

@@ -36,11 +36,8 @@ SHAPE_TAGS = (
 def identified_yaml(identified: IdentifiedModel) -> ExportText:
     """Return all parameters as YAML; it can hold any values."""
     model = identified.model
-    data: dict[str, Any] = {
-        "model": model.name,
-        "frames": FRAME,
-        "joints": [{"name": joint.name, "kind": joint.kind, "unit": joint.unit} for joint in model.joints],
-    }
+    joints = [{"name": joint.name, "kind": joint.kind, "unit": joint.unit} for joint in model.joints]
+    data: dict[str, Any] = {"model": model.name, "frames": FRAME, "joints": joints}
     if (robot := identified.robot) is not None:
         merged = {body: list(links) for body, links in robot.merged_links.items()}
         data |= {"robot": {"file": robot.source, "gravity": list(robot.gravity), "locked": dict(robot.locked)}}

@@ -245,7 +245,7 @@ class RecursiveLeastSquares:
             return
         waiting, self._waiting = self._waiting, []
         columns = zip(*waiting, strict=True)
-        q, dq, ddq, tau, keep, memory = (parts[0] if parts[0] is None else np.concatenate(parts) for parts in columns)
+        q, dq, ddq, tau, keep, memory = (x[0] if len(x) == 1 or x[0] is None else np.concatenate(x) for x in columns)
         self._add_rows(self.model.regressor(q, dq, ddq, memory), tau, keep)
 
     def _add_rows(self, Y: Array, tau: Array, keep: NDArray[np.bool_] | None) -> None:

@@ -151,10 +151,7 @@ class FollowedFile:
         except OSError:
             return False  # between two files
         open_status = os.fstat(self._file.fileno())
-        return (named_status.st_dev, named_status.st_ino) != (
-            open_status.st_dev,
-            open_status.st_ino,
-        ) or open_status.st_size < self.offset
+        return not os.path.samestat(named_status, open_status) or open_status.st_size < self.offset
 
 
 @dataclass(frozen=True, eq=False)

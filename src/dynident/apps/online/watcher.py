@@ -188,8 +188,8 @@ class Watcher:
                 self._moved, self._step = time, GAP_STEP_GROWTH * self._step
                 if self._back >= CLOCK_RESET_SAMPLES:
                     self._deaf = {j: (-math.inf, stop) for j, (_, stop) in self._deaf.items() if stop == math.inf}
-                if self._back >= CLOCK_RESET_SAMPLES and self._smoothing is not None:
-                    self._tracker = self._make_tracker(self._smoothing)  # its stamps may only increase
+                    if self._smoothing is not None:
+                        self._tracker = self._make_tracker(self._smoothing)  # its stamps may only increase
                 start = k
             elif not math.isnan(step):
                 # running mean of the step, by which gaps are recognised
@@ -212,12 +212,9 @@ class Watcher:
                 events += self._take_motion(t[rows], q[rows], torque[rows])
                 if sensor_events:  # what is dropped or not used because of them goes by the blocks before
                     events += self._catch_up()
-                # a position that failed has spoiled what was not used yet, unless the torques show that the joint only
-                # rests
-                for event in [
-                    event for event in sensor_events if stop < n and event.time == t[stop] and isinstance(event, Fault)
-                ]:
-                    if event.signal is Signal.POSITION and not self._confirm_fault(event):
+                # a position that failed has spoiled what was not used yet, unless its joint only rests by the torques
+                for event in [event for event in sensor_events if stop < n and event.time == t[stop]]:
+                    if isinstance(event, Fault) and event.signal is Signal.POSITION and not self._confirm_fault(event):
                         sensor_events.remove(event)
                 start = stop
             self._note_unusable_torques(sensor_events)

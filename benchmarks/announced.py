@@ -47,6 +47,7 @@ from dynident.apps.excitation import (
     motion_limits,
 )
 from dynident.apps.excitation.design import torque_information
+from dynident.apps.excitation.family import LinearCourse
 from dynident.apps.excitation.limits import Feasibility
 from dynident.apps.excitation.motion import build_interior, motion_pieces
 from dynident.apps.excitation.search import random_motion
@@ -113,7 +114,7 @@ def best_random(
     found, slow, weights = [], min_fit_speeds(one.model, one.limits), periods / one.request.sigma**2
     for _ in range(RANDOM):
         x = random_motion(interior, rng)
-        information = torque_information(one.model, interior.family.course(x).states(t), weights, slow)
+        information = torque_information(one.model, LinearCourse(interior.family, x).states(t), weights, slow)
         found.append((worst(expected_accuracy(one.model, one.nominal, information, basis)), x))
     for _, x in sorted(found, key=lambda pair: pair[0]):
         if interior.between(x, one.model) is None:

@@ -45,6 +45,7 @@ from dynident.apps.excitation import (
     motion_limits,
 )
 from dynident.apps.excitation.design import torque_information
+from dynident.apps.excitation.family import LinearCourse
 from dynident.apps.excitation.limits import Feasibility
 from dynident.apps.excitation.motion import build_interior
 from dynident.apps.excitation.search import random_motion
@@ -183,7 +184,7 @@ def _of_random(
     rng, found, slow = np.random.default_rng([seed, 1]), [], min_fit_speeds(robot.model, limits)
     t = np.arange(0.0, request.period, 1 / request.rate)
     for _ in range(count):
-        states = interior.family.course(random_motion(interior, rng)).states(t)
+        states = LinearCourse(interior.family, random_motion(interior, rng)).states(t)
         found.append(figures(torque_information(robot.model, states, periods / request.sigma**2, slow)))
     best = {"log_det": max(one["log_det"] for one in found)}
     best |= {key: min(one[key] for one in found) for key in ("condition", "worst")}

@@ -102,6 +102,11 @@ def test_memory_is_not_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
+def test_a_pipe_that_its_reader_closed_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    done = failing(monkeypatch, BrokenPipeError(32, "Broken pipe"))
+    assert (done.exit_code, done.output) == (1, "")
+
+
 def test_the_library_raises_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """For programs that call the command in their own process."""
     with pytest.raises(click.ClickException, match="cannot be read"):

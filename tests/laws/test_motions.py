@@ -14,7 +14,7 @@ from dynident.apps.excitation import (
     motion_limits,
     verify,
 )
-from dynident.apps.excitation.family import ClampedSpline, Fourier
+from dynident.apps.excitation.family import ClampedSpline, Fourier, LinearCourse
 from dynident.apps.excitation.files import check_interpolant, sample_trajectory
 from dynident.apps.excitation.limits import Feasibility
 from dynident.apps.excitation.programs import friction_program, gravity_program
@@ -52,10 +52,10 @@ def test_what_is_made_passes_the_last_check(kind, seed):
     match kind:
         case "series":
             family = Fourier(8.0, 3)
-            pieces = from_rest(feasible, family.course(scaled(family, rng, limits, 0.7)), 1, None, rng)
+            pieces = from_rest(feasible, LinearCourse(family, scaled(family, rng, limits, 0.7)), 1, None, rng)
         case "spline":
             family = ClampedSpline(8.0, 10)
-            pieces = from_rest(feasible, family.course(scaled(family, rng, limits, 0.7)), 1, limits.middle, rng)
+            pieces = from_rest(feasible, LinearCourse(family, scaled(family, rng, limits, 0.7)), 1, limits.middle, rng)
         case "friction":
             pieces = friction_program(feasible, 15.0 * n, None, rng, speeds=3)
         case _:

@@ -18,7 +18,7 @@ from dynident.apps.excitation import (
     expected_accuracy,
 )
 from dynident.apps.excitation.design import torque_information
-from dynident.apps.excitation.family import Fourier
+from dynident.apps.excitation.family import Fourier, LinearCourse
 from dynident.apps.excitation.robot import ExcitationProject, read_excitation
 from tests.apps.excitation.arms import TWO
 
@@ -37,7 +37,7 @@ def designed(text: str = TWO) -> tuple[ExcitationProject, Design]:
     project = read_excitation(file, None, CELL)
     series, n = Fourier(4.0, 2), len(project.limits.joints)
     x = 0.1 * np.random.default_rng(0).standard_normal((2, n, series.size))
-    pair = [Trajectory(project.limits.joints, (Piece(series.course(one), Purpose.MOTION),)) for one in x]
+    pair = [Trajectory(project.limits.joints, (Piece(LinearCourse(series, one), Purpose.MOTION),)) for one in x]
     model, theta, request = project.prior.model, project.prior.theta, project.request
     states = pair[0].states(pair[0].times(request.rate))
     told = expected_accuracy(model, theta, torque_information(model, states, 1 / request.sigma**2))

@@ -41,6 +41,13 @@ def validation(held):
     return SimpleNamespace(motion=held, predicted_torque=held.tau + 0.25)
 
 
+@pytest.mark.parametrize(
+    ("start", "zero"), [(5.0, 0.0), (-5.0, 0.0), (999.0, 0.0), (1001.5, 1001.0), (-1001.5, -1002.0)]
+)
+def test_stamps_far_from_zero_count_from_the_first(start: float, zero: float) -> None:
+    assert canvas.time_origin(start + np.linspace(0.0, 10.0, 5)) == zero
+
+
 def study(estimates, levels=(1e-6,), methods=("raw",)):
     cases = tuple(SimpleNamespace(sigma_q2=s, method=m, estimates=estimates) for s in levels for m in methods)
     return SimpleNamespace(cases=cases, names=("theta1", "theta2"), true=np.array([2.0, -4.0]))

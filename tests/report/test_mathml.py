@@ -79,7 +79,7 @@ def test_values_stand_for_names_with_their_signs():
 
 def test_numbers_have_powers_of_ten_and_no_sign():
     assert text(number_markup(1.2345e-6)) == "1.23×10−6"
-    assert text(number_markup(-2.5e8, 2)) == "2.5×108"
+    assert text(number_markup(-2.5e8)) == "2.50×108"
     assert text(number_markup(12.0)) == "12.0"
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from dynident.identification import Measure, Origin
+from dynident.identification import AccuracyBound, Measure, Origin
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, INK, RED, VIOLET, mark_rows, panels, plain, trace
 from dynident.report.page import (
@@ -17,6 +17,7 @@ from dynident.report.page import (
     Column,
     Facts,
     Figure,
+    Head,
     PageBlock,
     PageSection,
     PageTable,
@@ -27,9 +28,6 @@ from dynident.report.page import (
 )
 from dynident.report.words import settings_of
 from dynident.runtime import join_names, number
-
-if TYPE_CHECKING:
-    from dynident.identification import AccuracyBound
 
 CHANGE_NAMES: Mapping[str, str] = {
     "now": "now",
@@ -129,9 +127,13 @@ def bound_table(bound: AccuracyBound, short: bool = False) -> PageTable:
     if short and len(bound.names) > MAX_FULL_LIST:
         # A stable sort keeps the order of the model among equal parameters
         rows = sorted(np.argsort(-bound.relative, kind="stable")[:SHOWN_WORST].tolist())  # type: ignore[assignment]
-    columns = [Column("parameter", numeric=False), Column("value"), UNIT]
-    columns += [Column("fit", "sd, %"), *(Column(HEADS[name], "least sd, %") for name in HEADS), Column("least sd")]
-    columns += [Column("limited by", numeric=False)]
+    heads: tuple[Head, ...] = (
+        "value",
+        UNIT,
+        ("fit", "sd, %"),
+        *((head, "least sd, %") for head in HEADS.values()),
+        "least sd",
+    )
     cells = []
     for k in rows:
         size = abs(float(bound.value[k])) or np.nan
@@ -142,19 +144,19 @@ def bound_table(bound: AccuracyBound, short: bool = False) -> PageTable:
     title = "Least standard deviations of the base parameters, now and with better sensors or a longer record"
     if len(cells) < len(bound.names):
         title += f" (the worst {len(cells)} of {len(bound.names)})"
-    return PageTable(tuple(columns), tuple(cells), title)
+    return PageTable.of(("parameter",), (*heads, Column("limited by", numeric=False)), cells, title)
 
 
 def noise_table(bound: AccuracyBound) -> PageTable:
     """Return the noise of each joint for which the bound holds, beside the torque's scatter between samples."""
     joints, noise = bound.identification.model.joints, bound.noise
-    rows = tuple(
-        (joint.name, number(float(noise.q[j]), 3), number(float(noise.tau[j]), 3), number(float(noise.sensor[j]), 3))
+    rows = (
+        (joint.name, *(number(float(values[j]), 3) for values in (noise.q, noise.tau, noise.sensor)))
         for j, joint in enumerate(joints)
     )
     heads = ("position noise", "torque noise", "torque scatter, sample to sample")
     origins = "; ".join(f"{quantity}: {text}" for quantity, text in _noise_origins(bound).items())
-    return PageTable((Column("joint", numeric=False), *map(Column, heads)), rows, f"Noise, SI ({origins})")
+    return PageTable.of(("joint",), heads, rows, f"Noise, SI ({origins})")
 
 
 def _noise_origins(bound: AccuracyBound) -> dict[str, str]:
@@ -299,7 +301,7 @@ def bound_page(bound: AccuracyBound) -> str:
     """Return the bound as one HTML page: findings, table, figure, noise, settings."""
     relative, identification = bound.relative, bound.identification
     well = int((relative <= WELL).sum())
-    labels = [short_formula(bound.names[k]) for k in range(len(bound.names))]
+    labels = [short_formula(name) for name in bound.names]
     facts = Facts(
         (
             (f"{well} of {len(relative)}", f"base parameters within {WELL:g} % at best"),
@@ -314,18 +316,10 @@ def bound_page(bound: AccuracyBound) -> str:
     limits = Figure(
         limit_figure(bound), "Base parameters by joint: those known well at best, and what limits the others."
     )
-    blocks: tuple[PageBlock, ...] = (facts, limits, tuple(bound_findings(bound)))
+    figure = Figure(bound_figure(bound, labels), caption)
     sections = [
-        PageSection("What could be reached", blocks),
-        PageSection(
-            "Bound",
-            (
-                _BOUND_NOTE,
-                bound_table(bound),
-                *formula_blocks(bound.names),
-                Figure(bound_figure(bound, labels), caption),
-            ),
-        ),
+        PageSection("What could be reached", (facts, limits, tuple(bound_findings(bound)))),
+        PageSection("Bound", (_BOUND_NOTE, bound_table(bound), *formula_blocks(bound.names), figure)),
         PageSection("Noise", (noise_table(bound),)),
         PageSection("Warnings", (tuple(map(str, identification.notes)) or "None.",)),
         PageSection("Settings and versions", tuple(_settings(bound))),
@@ -350,28 +344,19 @@ def bound_dict(bound: AccuracyBound) -> dict[str, Any]:
     joints = [joint.name for joint in bound.identification.model.joints]
     parameters = [
         {
-            "name": name,
-            "alone": bool(bound.alone[k]),
-            "value": float(bound.value[k]),
-            "unit": bound.units[k],
-            "std": {change: float(std[k]) for change, std in bound.std.items()},
-            "relative": float(bound.relative[k]),
-            "fit": float(bound.fit[k]),
-            "position_share": float(bound.position_share[k]),
-            "inflation": float(bound.inflation[k]),
-            "partner": bound.names[int(bound.partner[k])],
+            "name": name, "alone": bool(bound.alone[k]), "value": float(bound.value[k]), "unit": bound.units[k],
+            "std": {change: float(std[k]) for change, std in bound.std.items()}, "relative": float(bound.relative[k]),
+            "fit": float(bound.fit[k]), "position_share": float(bound.position_share[k]),
+            "inflation": float(bound.inflation[k]), "partner": bound.names[int(bound.partner[k])],
             "correlation": float(bound.correlation[k]),
         }
         for k, name in enumerate(bound.names)
-    ]
+    ]  # fmt: skip
     noise = {
         name: dict(zip(joints, getattr(bound.noise, name).tolist(), strict=True)) for name in ("q", "tau", "sensor")
     }
     return {
-        "parameters": parameters,
-        "noise": {**noise, "from": _noise_origins(bound)},
-        "samples": bound.samples,
-        "findings": bound_findings(bound),
-        "warnings": [str(note) for note in bound.identification.notes],
+        "parameters": parameters, "noise": {**noise, "from": _noise_origins(bound)}, "samples": bound.samples,
+        "findings": bound_findings(bound), "warnings": [str(note) for note in bound.identification.notes],
         "provenance": asdict(bound.identification.provenance),
-    }
+    }  # fmt: skip

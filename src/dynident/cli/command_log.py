@@ -35,10 +35,8 @@ def escape_controls(text: str) -> str:
     """
     if text.isprintable():
         return text
-    return "".join(
-        character if character == "\n" or _is_printable(character) else character.encode("unicode_escape").decode()
-        for character in text
-    )
+    is_shown = (x.isprintable() or x == "\n" or unicodedata.category(x) == "Zs" for x in text)
+    return "".join(x if shown else x.encode("unicode_escape").decode() for x, shown in zip(text, is_shown, strict=True))
 
 
 def one_line(text: str) -> str:
@@ -47,10 +45,6 @@ def one_line(text: str) -> str:
     Other line breaks, those of names, are escaped: no name can pass for a message.
     """
     return re.sub(r"\n(?!  )", r"\\n", escape_controls(text).rstrip("\n"))
-
-
-def _is_printable(character: str) -> bool:
-    return character.isprintable() or unicodedata.category(character) == "Zs"
 
 
 def escape_step(step: str) -> Step:

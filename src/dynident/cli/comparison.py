@@ -141,12 +141,8 @@ def compare_results(
     with result_folder(out) if out else nullcontext() as folder:
         with status():
             report_progress("reading the results")
-            reference_result, *other_results = [
-                read_compared(path, name) for path, name in zip(paths, compared_names(paths), strict=True)
-            ]
-            comparisons = [
-                app.compare_results(reference_result, other_result, level, tolerance) for other_result in other_results
-            ]
+            first, *others = map(read_compared, paths, compared_names(paths))
+            comparisons = [app.compare_results(first, other, level, tolerance) for other in others]
         numbers = comparison_dict(comparisons)
         written = folder.replace({NUMBERS: json_text(numbers), PAGE: comparison_page(comparisons)}) if folder else ()
     _show_comparisons(comparisons)
@@ -154,10 +150,7 @@ def compare_results(
     if json_file:
         print_path(screen, "Numbers", write_json(json_file, numbers))
     print_files(screen, written)
-    if any(
-        comparison.worse or not comparison.comparable or (comparison.differs and not only_worse)
-        for comparison in comparisons
-    ):
+    if any(x.worse or not x.comparable or (x.differs and not only_worse) for x in comparisons):
         raise SystemExit(DIFFERENT_EXIT_CODE)
 
 

@@ -151,11 +151,8 @@ def _run_identify(screen: Screen, out: Path) -> Identification:
         with status():
             identification = read_project(out / "robot.yaml").identify()
             report_progress("writing and verifying the model")
-            written = write_result(
-                folder,
-                identification,
-                relocate_exports(folder.path, exports(identification), identification.provenance),
-            )
+            model_files = relocate_exports(folder.path, exports(identification), identification.provenance)
+            written = write_result(folder, identification, model_files)
         for text in summary_lines(identification):
             screen.say(text)
         screen.say(f"Files in {out / 'result'}: {', '.join(path.name for _, path in written)}")
@@ -164,7 +161,7 @@ def _run_identify(screen: Screen, out: Path) -> Identification:
 
 
 def _show_comparison(screen: Screen, comparison: Comparison) -> None:
-    from dynident.report.page import Column, PageTable
+    from dynident.report.page import UNIT, PageTable
     from dynident.runtime import number
 
     _print_heading(screen, "Compared with the true arm, which is known because it is simulated")
@@ -176,12 +173,11 @@ def _show_comparison(screen: Screen, comparison: Comparison) -> None:
         f"{comparison.within} of {comparison.base} base parameters are within 1.96 standard errors of the truth; 95 % "
         "are expected."
     )
-    rows = [
+    rows = (
         (value.name, number(value.estimate, 4), number(value.true, 4), number(value.std, 2), value.unit)
         for value in comparison.values
-    ]
-    titles = (Column("", numeric=False), Column("identified"), Column("true"), Column("std. error"))
-    screen.show(PageTable((*titles, Column("unit", numeric=False)), tuple(rows)))
+    )
+    screen.show(PageTable.of(("",), ("identified", "true", "std. error", UNIT), rows))
 
 
 @click.command(short_help="Repeat the simulation study of the article.")

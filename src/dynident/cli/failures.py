@@ -55,10 +55,8 @@ def interruptible() -> Iterator[None]:
                 previous_handlers[number] = signal.signal(number, _raise_stop)
         yield
     except KeyboardInterrupt as stop:
-        kept_text = " ".join(
-            getattr(stop, "__notes__", ["each file is as it was or complete; run the same command again."])
-        )
-        print_error(one_line(f"Interrupted: {kept_text}"))
+        notes = getattr(stop, "__notes__", ["each file is as it was or complete; run the same command again."])
+        print_error(one_line(f"Interrupted: {' '.join(notes)}"))
         raise SystemExit(128 + getattr(stop, "number", signal.SIGINT)) from None
     finally:
         for number, handler in previous_handlers.items():
@@ -87,9 +85,8 @@ def command(*words: object) -> str:
     >>> command("check", "my robot.yaml").removeprefix(launcher())
     " check 'my robot.yaml'"
     """
-    texts = [
-        f".{os.sep}{word}" if isinstance(word, Path) and str(word).startswith("-") else str(word) for word in words
-    ]
+    is_option_like = (isinstance(word, Path) and str(word).startswith("-") for word in words)
+    texts = [f".{os.sep}{word}" if alike else str(word) for word, alike in zip(words, is_option_like, strict=True)]
     return f"{launcher()} {_quote_words(texts)}"
 
 
@@ -97,10 +94,8 @@ def _program_name(path: str) -> str:
     """Return the name of a program if the shell finds it by that name, else its path."""
     name = Path(path).name if os.name != "nt" else Path(path).stem
     resolved = shutil.which(name)
-    is_on_path = resolved is not None and os.path.realpath(os.path.dirname(resolved)) == os.path.realpath(
-        os.path.dirname(path)
-    )
-    return name if is_on_path else _quote_words([path])
+    folders = {os.path.realpath(os.path.dirname(file)) for file in (resolved or "", path)}
+    return name if resolved is not None and len(folders) == 1 else _quote_words([path])
 
 
 def _quote_words(words: list[str]) -> str:

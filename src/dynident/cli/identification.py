@@ -80,9 +80,8 @@ def draft_from_files(robot: str, logs: Sequence[str], folder: Path) -> tuple[Con
         report_progress(f"reading {log}")
         sources.append(read_source(log))
     first_table, *other_tables = (source.table for source in sources)
-    mapping = map_columns(
-        first_table, joints, sources[0].ros, other_tables, lockable=Path(robot).suffix.lower() in SUFFIXES
-    )
+    is_file = Path(robot).suffix.lower() in SUFFIXES
+    mapping = map_columns(first_table, joints, sources[0].ros, other_tables, lockable=is_file)
     check_same_columns(mapping, sources)
     report_progress("looking at gains and gravity")
     fits = DraftFits(robot, joints, sources, folder)
@@ -176,9 +175,9 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
                 state_folder = folder.path if folder else None
                 identification = project.identify(executor=executor, limits=spread.limits, folder=state_folder)
             report_progress("writing and verifying the model")
-            model_exports = (
-                relocate_exports(folder.path, exports(identification), identification.provenance) if folder else ()
-            )
+            model_exports: tuple[Export, ...] = ()
+            if folder:
+                model_exports = relocate_exports(folder.path, exports(identification), identification.provenance)
         # written before anything is printed: the reader of a pipe may close it early
         written = write_result(folder, identification, model_exports) if folder else []
         if write_config:
@@ -262,11 +261,7 @@ def write_result(
     from dynident.project.saved import model_files
     from dynident.report.identification.report import run_files
 
-    files = {
-        model_export.file: model_export.written.text
-        for model_export in model_exports
-        if model_export.ready and model_export.written is not None
-    }
+    files = {export.file: export.written.text for export in model_exports if export.ready and export.written}
     kinds = dict.fromkeys(files, "Model") | {"result.json": "Result", "report.html": "Report"}
     files |= run_files(identification, model_exports)
     # the models of an earlier run would pass for this one's
@@ -327,21 +322,18 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     refuse_inputs(out)
     states = random_states(len(identification.model.joints), np.random.default_rng(0))
     identified = identified_model(identification)
-    (model_export,) = relocate_exports(
-        out.parent, [exports.export(identified, exporter, states)], identification.provenance
-    )
+    written = exports.export(identified, exporter, states)
+    (model_export,) = relocate_exports(out.parent, [written], identification.provenance)
     if not model_export.ready or model_export.written is None or model_export.proof is None:
         raise ModelError(f"{out}: not written: {model_export.refusal}")
     screen = console()
     left_out = model_export.written.left_out
     shown = left_out if command_log().verbose else left_out[:MAX_LEFT_OUT]
     more = len(left_out) - len(shown)
-    for note in (
-        *export_notes([replace(model_export, file=out.name)], "listed here"),
-        *(f"Not in the file: {words}" for words in shown),
-        *[f"Not in the file: {more} more; -v lists them."] * bool(more),
-        *(f"{words}." for words in model_export.proof.skipped),
-    ):
+    notes = export_notes([replace(model_export, file=out.name)], "listed here")
+    notes += [f"Not in the file: {words}" for words in shown]
+    notes += [f"Not in the file: {more} more; -v lists them."] * bool(more)
+    for note in (*notes, *(f"{words}." for words in model_export.proof.skipped)):
         screen.say(note)
     screen.say(f"Reloaded, its torque differs by at most {tiny(model_export.proof.agreement)} of each joint's torque.")
     print_path(screen, "Model", write_text(out, model_export.written.text))

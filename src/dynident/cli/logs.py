@@ -208,8 +208,7 @@ def smooth(
         written = folder.replace({"smoothed.csv": smoothed.frame().write_csv(), "report.html": page})
     screen = console()
     if unit is None and time_unit != "s":
-        note = f"{time_column!r} is read in {time_unit}, as its name says; else give --time-unit."
-        screen.remark(note)
+        screen.remark(f"{time_column!r} is read in {time_unit}, as its name says; else give --time-unit.")
     for note in table.notes:
         screen.remark(f"Warning: {note}", "yellow")
     screen.show(smoothing_table(smoothed.names, smoothed.fit))

@@ -116,12 +116,9 @@ ROBOT, LOG_NAME = _FileNameText(ROBOTS), _FileNameText(LOGS)
 JSON_FILE = click.option("--json", "json_file", type=FILE, help="JSON file for all numbers.")
 
 
-def _set_memory(ctx: click.Context, option: click.Parameter, value: float | None) -> None:  # noqa: ARG001
-    set_memory(value)
-
-
 _MEMORY = click.option(
-    "--memory", type=FiniteRange(0, min_open=True), metavar="GB", expose_value=False, callback=_set_memory,
+    "--memory", type=FiniteRange(0, min_open=True), metavar="GB", expose_value=False,
+    callback=lambda *call: set_memory(call[-1]),
     help="Memory limit for reading one file (GB). [default: DYNIDENT_MEMORY, or 4]",
 )  # fmt: skip
 
@@ -198,11 +195,6 @@ class WorkerOptions:
 
         return Limits(self.seconds, self.memory)
 
-    @property
-    def is_serial(self) -> bool:
-        """Whether this process does the work itself: there is one worker, and no limit that would have to end it."""
-        return self.cluster is None and self.workers == 1 and self.seconds is None and self.memory is None
-
     @contextmanager
     def executor(self, *preload: str) -> Iterator[Executor | None]:
         """Yield the executor, None where this process does the work itself; ``preload`` are modules that workers
@@ -210,7 +202,8 @@ class WorkerOptions:
 
         Raises InputError where the cluster cannot be used.
         """
-        if self.is_serial:
+        # one worker without a limit that would have to end it
+        if self == WorkerOptions(1):
             yield None
             return
         if self.cluster is None:
@@ -245,9 +238,8 @@ def add_worker_options(command: Callable[..., Any]) -> Callable[..., Any]:
     ) -> Any:
         if workers is not None and cluster is not None:
             raise click.UsageError("--workers are processes of this machine, --cluster has its own; give one of them.")
-        return command(
-            spread=WorkerOptions(workers or available_cores(), cluster, time_limit, worker_memory), **options
-        )
+        spread = WorkerOptions(workers or available_cores(), cluster, time_limit, worker_memory)
+        return command(spread=spread, **options)
 
     return spread_command
 

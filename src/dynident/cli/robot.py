@@ -17,8 +17,8 @@ from dynident.cli.options import (
     DESIGNED,
     DIRECTORY,
     LOG_NAME,
+    POSITIVE,
     RESULT,
-    FiniteRange,
     WorkerOptions,
     add_worker_options,
     parse_noise,
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from dynident.identification import Identification
 
 PROGRAMS = ("motion", "friction", "gravity", "all")
-POSITIVE = FiniteRange(0, min_open=True)
 
 
 @click.command(short_help="Design a motion that shows the parameters of a robot.")
@@ -191,16 +190,9 @@ def payload(
         with status():
             known_gains = read_gains(gains) if gains else None
             request = PayloadRequest(
-                frame,
-                known_mass,
-                known_centre,
-                gain_error,
-                known_gains,
-                friction_change,
-                load_friction,
-                removed,
+                frame, known_mass, known_centre, gain_error, known_gains, friction_change, load_friction, removed,
                 gain_change,
-            )
+            )  # fmt: skip
             report_progress("reading the result")
             saved = read_arm(result, allow_code=allow_code)
             if out:
@@ -347,12 +339,10 @@ def tune(config: Path, port: int, no_browser: bool) -> None:
     from dynident.apps.tuning.server import answer, open_browser
     from dynident.cli.command_log import escape_controls
 
-    def print_fault(text: str) -> None:
-        print_error(escape_controls(text))
-
     with ExitStack() as stack:
         with status():
-            address, server = stack.enter_context(serve_configuration(config, port, print_fault))
+            serving = serve_configuration(config, port, lambda text: print_error(escape_controls(text)))
+            address, server = stack.enter_context(serving)
         screen = console()
         screen.say(str(address), no_wrap=True)
         screen.remark("This address is for this machine alone. Ctrl-C ends it.")

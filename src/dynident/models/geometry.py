@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ class Floor:
     """Everything below ``height`` (m) along the z axis of the robot's root link."""
 
     height: float = 0.0
+    name: ClassVar[str] = "floor"
 
 
 @dataclass(frozen=True)

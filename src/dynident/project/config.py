@@ -7,9 +7,9 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from itertools import chain, combinations, product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.files.folder import settle
 from dynident.files.opener import XML_WEIGHT, open_input, read_text, real_path, remember_inputs
@@ -23,9 +23,9 @@ from dynident.project.parts import build
 from dynident.project.python_file import CODE, XACRO_CODE, load_from_file, resolve_file, run_user_code
 from dynident.project.settings import AUTO, PLAIN_TERMS, Config, RobotSettings, robot_settings
 from dynident.runtime import ConfigError, ModelError, choices, join_names
+from dynident.runtime.arrays import Array
 from dynident.runtime.families import TERMS
 
-Array = NDArray[np.float64]
 NOMINAL_ATTRIBUTES = {"viscous": "damping", "coulomb": "friction", "rotor": "armature"}  # of a robot file, by role
 
 
@@ -93,18 +93,9 @@ def load_robot(settings: RobotSettings, text: str | None = None) -> Model:
     joints = bodies.joints
     terms: list[Term] = [bodies, *(term for term in configured_terms(settings, joints) if term is not None)]
     for name, coupling in settings.couplings.items():
-        terms.append(
-            CoupledMotor(
-                joints,
-                coupling.joints,
-                inertia="rotor" in coupling.terms,
-                viscous="viscous" in coupling.terms,
-                coulomb="coulomb" in coupling.terms,
-                offset=False,
-                width=settings.coulomb_width,
-                name=name,
-            )
-        )
+        inertia, viscous, coulomb = (kind in coupling.terms for kind in ("rotor", "viscous", "coulomb"))
+        parts: dict[str, Any] = {"inertia": inertia, "viscous": viscous, "coulomb": coulomb, "offset": False}
+        terms.append(CoupledMotor(joints, coupling.joints, **parts, width=settings.coulomb_width, name=name))
     return Model(tuple(terms), path.stem, chooses_terms=settings.chooses_terms, proposed=settings.proposed)
 
 
@@ -193,10 +184,7 @@ def parse_config(
 def _keep_files(config: Config, folder: Path) -> None:
     """Register the files that a configuration names as inputs, even if a command does not open them."""
     model = config.model
-    if isinstance(model, RobotSettings):
-        models = list(model.file.values())
-    else:
-        models = [folder / model, folder / model.rpartition(":")[0]]
+    models = [folder / model, folder / model.rpartition(":")[0]] if isinstance(model, str) else model.file.values()
     logs = chain.from_iterable(spec.file.values() for spec in (*config.train, *config.validation))
     for path in (*logs, *models):
         remember_inputs(path)
@@ -212,13 +200,9 @@ def config_warnings(config: Config) -> tuple[str, ...]:
 
 
 def _same_channel_warnings(section: str, channels: Mapping[str, Channel]) -> Iterator[str]:
+    keys = ("terms", "gain", "offset", "unit")
     for (a, channel), (b, other_channel) in combinations(channels.items(), 2):
-        if (channel.terms, channel.gain, channel.offset, channel.unit) == (
-            other_channel.terms,
-            other_channel.gain,
-            other_channel.offset,
-            other_channel.unit,
-        ):
+        if all(getattr(channel, key) == getattr(other_channel, key) for key in keys):
             columns = ", ".join(map(repr, channel.terms))
             yield (
                 f"{section}.{a} and {section}.{b} read the same column {columns} with the same gain and offset; "
@@ -280,8 +264,6 @@ def load_model(
     file or function, where it is a function and not ``allow_code``, where the function raises, or where
     it returns something else than a Model.
     """
-    from dynident.models import Model
-
     if isinstance(spec, str):
         spec = robot_settings(spec, {"folder": folder}) or spec
     if isinstance(spec, RobotSettings):

@@ -192,18 +192,14 @@ def _yaml_lines(key: str, value: Any, indent: str = "") -> Iterator[str]:
     if isinstance(value, list) and any(isinstance(entry, dict) for entry in value):
         yield f"{indent}{_flow_line({key: None})}"
         yield from (f"{indent}  - {_flow_text(entry)}" for entry in value)
-    elif (
-        isinstance(value, dict) and any(isinstance(entry, dict) for entry in value.values()) and _has_plain_keys(value)
-    ):
-        yield f"{indent}{_flow_line({key: None})}"
-        yield from (f"{indent}  {_flow_line({name: entry})}" for name, entry in value.items())
-    else:
-        yield f"{indent}{_flow_line({key: value})}"
-
-
-def _has_plain_keys(value: Mapping[Any, Any]) -> bool:
-    """Whether each key can stand on a line before a colon; very long ones cannot."""
-    return not any(_flow_line({name: 0}).startswith("?") for name in value)
+        return
+    lines = [f"{indent}{_flow_line({key: value})}"]
+    if isinstance(value, dict) and any(isinstance(entry, dict) for entry in value.values()):
+        entries = [_flow_line({name: entry}) for name, entry in value.items()]
+        # very long keys cannot stand on a line before a colon
+        if not any(entry.startswith("?") for entry in entries):
+            lines = [f"{indent}{_flow_line({key: None})}", *(f"{indent}  {entry}" for entry in entries)]
+    yield from lines
 
 
 def _flow_line(value: dict[Any, Any]) -> str:

@@ -41,28 +41,18 @@ MAX_LIST_ENTRIES = 100  # of a list of parts
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     "angle": {
-        "rad": 1.0,
-        "mrad": 1e-3,
-        "deg": math.pi / 180,
-        "rev": 2 * math.pi,
-        "arcmin": math.pi / 10800,
+        "rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "rev": 2 * math.pi, "arcmin": math.pi / 10800,
         "arcsec": math.pi / 648000,
     },
     "length": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254},
     "torque": {
-        "N m": 1.0,
-        "mN m": 1e-3,
-        "kN m": 1e3,
-        "N cm": 1e-2,
-        "kgf m": 9.80665,
-        "kgf cm": 9.80665e-2,
-        "lbf ft": 4.4482216152605 * 0.3048,
-        "lbf in": 4.4482216152605 * 0.0254,
+        "N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N cm": 1e-2, "kgf m": 9.80665, "kgf cm": 9.80665e-2,
+        "lbf ft": 4.4482216152605 * 0.3048, "lbf in": 4.4482216152605 * 0.0254,
     },
     "angular velocity": {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": math.pi / 30, "rev/s": 2 * math.pi},
     "velocity": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2},
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605},
-}
+}  # fmt: skip
 
 _END_SCHEMA = {"type": ["number", "null"]}
 _PAIR_SCHEMA = {"type": "array", "prefixItems": [_END_SCHEMA, _END_SCHEMA], "items": False, "minItems": 2}

@@ -34,8 +34,8 @@ from dynident.runtime import (
     report_progress,
     require,
 )
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 
@@ -222,12 +222,10 @@ def read_recording(spec: LogSpec, needed: Collection[str] | None = None) -> Data
 
     Raises InputError where one of them cannot be read.
     """
-    tables = {
-        key: read_columns(
-            path, spec.width.get(key) if isinstance(spec.width, Mapping) else spec.width, _columns_of_file(key, needed)
-        )
-        for key, path in spec.file.items()
-    }
+    tables = {}
+    for key, path in spec.file.items():
+        width = spec.width.get(key) if isinstance(spec.width, Mapping) else spec.width
+        tables[key] = read_columns(path, width, _columns_of_file(key, needed))
     if list(tables) == [""]:
         return tables[""]
     return DataTable(
@@ -355,12 +353,9 @@ def log_spec(text: str, config: Config) -> LogSpec:
 
 def recording_argument(spec: LogSpec) -> str:
     """Return the text by which a command line names a recording, with files below the current folder relative to it."""
-    current_folder = Path.cwd()
-    files = {
-        key: file.relative_to(current_folder) if file.is_relative_to(current_folder) else file
-        for key, file in spec.file.items()
-    }
-    return ",".join(f"{key}={file}" if key else str(file) for key, file in files.items())
+    here = Path.cwd()
+    files = ((key, file.relative_to(here) if file.is_relative_to(here) else file) for key, file in spec.file.items())
+    return ",".join(f"{key}={file}" if key else str(file) for key, file in files)
 
 
 def recording_of(log: str, specs: Sequence[LogSpec]) -> LogSpec | None:

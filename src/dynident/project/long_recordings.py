@@ -7,11 +7,10 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import partial
 from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,13 +28,10 @@ from dynident.project.logs import log_of, without_excluded
 from dynident.project.settings import Config, LogSpec, check_joints
 from dynident.project.signals import check_times, column_names
 from dynident.runtime import ConfigError, InputError, Noun, Step, memory_budget, report_progress
+from dynident.runtime.arrays import Array
 from dynident.runtime.families import SMOOTHERS, TERMS
 from dynident.runtime.jobs import Limits, Status, run_jobs
 
-if TYPE_CHECKING:
-    import polars as pl
-
-Array = NDArray[np.float64]
 BYTES_PER_SAMPLE = 160  # bytes of memory per sample and joint that an identification takes where it holds all samples
 CHUNK = 1_000_000  # stamps that are looked at together
 KEY = ("piece",)
@@ -186,13 +182,10 @@ class LongLog(Noun):
         kept_stretches = tuple(stretch for stretch in stretches if stretch.stop - stretch.start >= MINIMUM_SAMPLES)
         if not kept_stretches:
             raise InputError(f"{self.label}: nothing of the recording is left; look at its windows and gaps.")
-        lost = sum(stretch.stop - stretch.start for stretch in stretches) - sum(
-            stretch.stop - stretch.start for stretch in kept_stretches
-        )
+        total, kept = (sum(part.stop - part.start for part in parts) for parts in (stretches, kept_stretches))
         notes = [f"{self.label}: {words}; no piece reaches over one."] if gaps else []
-        notes += (
-            [f"{self.label}: {lost} samples between gaps are too few to be smoothed, and left out."] if lost else []
-        )
+        if lost := total - kept:
+            notes.append(f"{self.label}: {lost} samples between gaps are too few to be smoothed, and left out.")
         return replace(self, stretches=kept_stretches, step=step, notes=tuple(notes))
 
 
@@ -233,8 +226,7 @@ def long_logs(config: Config, joints: Sequence[Joint]) -> tuple[LongLog, ...]:
     its times cannot be used.
     """
     check_joints(config, joints)
-    open_recording = partial(_open_recording, config=config, joints=tuple(joints))
-    return tuple(map(open_recording, config.train))
+    return tuple(_open_recording(spec, config, tuple(joints)) for spec in config.train)
 
 
 def _open_recording(spec: LogSpec, config: Config, joints: tuple[Joint, ...]) -> LongLog:
@@ -252,16 +244,8 @@ def _open_recording(spec: LogSpec, config: Config, joints: tuple[Joint, ...]) ->
             "write the positions as they go on, for example by numpy.unwrap."
         )
     # a log travels to other processes: leave out what reading does not need
-    channels = config.model_copy(
-        update={
-            "train": (spec,),
-            "validation": (),
-            "model": "",
-            "smoother": None,
-            "estimator": None,
-            "simulation": None,
-        }
-    )
+    nothing = dict.fromkeys(("smoother", "estimator", "simulation"))
+    channels = config.model_copy(update={"train": (spec,), "validation": (), "model": "", **nothing})
     parts = tuple(RecordedPart(file, count_rows(file)) for file in files)
     return LongLog(spec.label, channels, joints, parts).plan_stretches(spec.window)
 
@@ -316,16 +300,17 @@ def reduce_pieces(
             # keep what is done, so that another run only repeats the failed pieces
             store.save()
             raise InputError(_failure_text(preparation, failures, table))
-        rows = store.table().sort("piece")
-        return list(_stored_pieces(rows))
+        rows = store.table().sort("piece").select("begins", "ends", *ARRAYS).iter_rows()
+        return [
+            PieceFactors(begins, ends, _from_bytes(count), factors, (_from_bytes(repeated), once, twice))
+            for begins, ends, count, factors, repeated, once, twice in rows
+        ]
 
 
 def _failure_text(preparation: PiecePlan, failures: Sequence[tuple[Span, str]], table: Path | None) -> str:
-    listed_failures = sorted(failures, key=lambda failure: (failure[0].recording, failure[0].start))[
-        :MAX_LISTED_FAILURES
-    ]
-    label = preparation.reducer.recordings[listed_failures[0][0].recording].label
-    words = "; ".join(f"rows {span.start + 1} to {span.stop}: {reason}" for span, reason in listed_failures)
+    listed = sorted(failures, key=lambda failure: (failure[0].recording, failure[0].start))[:MAX_LISTED_FAILURES]
+    label = preparation.reducer.recordings[listed[0][0].recording].label
+    words = "; ".join(f"rows {span.start + 1} to {span.stop}: {reason}" for span, reason in listed)
     kept_note = "" if table is None else f" The others are kept in {table}."
     return f"{label}: {len(failures)} of {len(preparation.spans)} pieces could not be reduced ({words}).{kept_note}"
 
@@ -350,10 +335,3 @@ def _to_bytes(rows: tuple[int, ...]) -> bytes:
 
 def _from_bytes(content: bytes) -> tuple[int, ...]:
     return tuple(np.frombuffer(content, dtype=np.int64).tolist())
-
-
-def _stored_pieces(rows: pl.DataFrame) -> Iterator[PieceFactors]:
-    for begins, ends, count, factors, repeated_counts, once, twice in rows.select(
-        "begins", "ends", *ARRAYS
-    ).iter_rows():
-        yield PieceFactors(begins, ends, _from_bytes(count), factors, (_from_bytes(repeated_counts), once, twice))

@@ -68,11 +68,8 @@ class PartReader:
         if self.nested:  # a part in a part, which may hold the next
             return {"type": "object", "required": ["kind"]}
         kinds = [{"enum": [*self.words, *self.family.kinds()]}] if self.plain else []
-        file_part = {
-            "type": "object",
-            "properties": {"kind": {"type": "string", "pattern": FILE_CLASS_PATTERN}},
-            "required": ["kind"],
-        }
+        kind = {"type": "string", "pattern": FILE_CLASS_PATTERN}
+        file_part = {"type": "object", "properties": {"kind": kind}, "required": ["kind"]}
         return {"oneOf": [*kinds, *schemas(self.family).values(), file_part]}
 
 
@@ -165,10 +162,8 @@ def section(family: PartFamily, part: type) -> type[Section]:
             factory = None if field.default_factory is MISSING else field.default_factory
             default = Field(default_factory=factory) if factory else Field(... if needed else field.default)
             keys[field.name] = (_setting_type(hints[field.name], f"{part.__name__}.{field.name}"), default)
-    section_type: type[Section] = create_model(
-        f"{part.__name__}Settings", __base__=Section, __doc__=part.__doc__, **keys
-    )
-    return section_type
+    made: type[Section] = create_model(f"{part.__name__}Settings", __base__=Section, __doc__=part.__doc__, **keys)
+    return made
 
 
 def _read_class(family: PartFamily, kind: object, info: ValidationInfo) -> Any:

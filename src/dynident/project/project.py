@@ -7,6 +7,7 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from datetime import UTC, datetime
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
 
 from dynident.checks import CheckResult, run_checks, with_findings
@@ -240,12 +241,9 @@ def _merge_remarks(findings: Sequence[Finding], remarks: Sequence[str]) -> tuple
 def log_files(config: Config) -> tuple[SourceFile, ...]:
     """Return every file of the recordings with its SHA-256; each is read once more."""
     paths = (path for spec in (*config.train, *config.validation) for path in spec.file.values())
-    files = {real_path(file): None for path in paths for file in _files_of_recording(path)}
+    parts = chain.from_iterable(episode_files(path) if is_episode(path) else recording_parts(path) for path in paths)
+    files = dict.fromkeys(map(real_path, parts))
     return tuple(SourceFile(str(file), fingerprint(file), modified=stamp(file)) for file in files)
-
-
-def _files_of_recording(path: Path) -> tuple[Path, ...]:
-    return episode_files(path) if is_episode(path) else recording_parts(path)
 
 
 def stamp(file: Path | None = None) -> str:

@@ -34,22 +34,14 @@ def error_text(error: ValidationError, data: Any, source: str) -> str:
     for details in _without_consequences(error.errors()):
         lines.setdefault(_setting_path(details["loc"], data), []).append(_fault_text(details))
     words = [f"{path}: {' or '.join(parts)}" if path else " or ".join(parts) for path, parts in lines.items()]
-    return f"{source}: " + "\n  ".join(
-        words[:MAX_PLACES] + ([f"and {len(words) - MAX_PLACES} more"] if words[MAX_PLACES:] else [])
-    )
+    more = [f"and {len(words) - MAX_PLACES} more"] if words[MAX_PLACES:] else []
+    return f"{source}: " + "\n  ".join(words[:MAX_PLACES] + more)
 
 
 def _without_consequences(errors: list[ErrorDetails]) -> list[ErrorDetails]:
     """Leave out errors of lists that are too short only because one of their entries is wrong."""
-    places = [details["loc"] for details in errors]
-
-    def follows(details: ErrorDetails) -> bool:
-        depth = len(details["loc"])
-        return details["type"] == "too_short" and any(
-            len(place) > depth and place[:depth] == details["loc"] for place in places
-        )
-
-    return [details for details in errors if not follows(details)]
+    above = {details["loc"][:depth] for details in errors for depth in range(len(details["loc"]))}
+    return [details for details in errors if details["type"] != "too_short" or details["loc"] not in above]
 
 
 def _setting_path(loc: Sequence[int | str], data: Any) -> str:

@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, WrapValidator
 from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import core_schema
@@ -25,9 +24,9 @@ from dynident.project.python_file import error_text
 from dynident.project.settings import Config
 from dynident.regression import BaseParameters, UnexcitedParameters
 from dynident.runtime import Axes, ConfigError, Finding, InputError, Note
+from dynident.runtime.arrays import Array
 from dynident.validation import LogValidation
 
-Array = NDArray[np.float64]
 FORMAT, VERSION = "dynident result", 1
 SERVO_FORMAT, SERVO_VERSION = "dynident servos", 1  # of servo.json
 DRAFT = "https://json-schema.org/draft/2020-12/schema"

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Estimate
-from dynident.identification import Identifiability, Identification, Sources, StandardErrors, tilt_base
+from dynident.identification import Identifiability, Identification, StandardErrors, tilt_base
 from dynident.models import Model
 from dynident.project.config import has_changed, is_xacro, load_model, parse_config
 from dynident.project.parts import build
@@ -19,8 +18,6 @@ from dynident.project.result_format import ResultFile, ResultTables, read_result
 from dynident.project.settings import robot_settings
 from dynident.runtime import ConfigError, InputError, ModelError
 from dynident.runtime.families import PartFamily
-
-Array = NDArray[np.float64]
 
 
 def identification_of(
@@ -35,7 +32,9 @@ def identification_of(
     tables = read_result(ResultTables, data, source)
     if model is None:
         model = _load_model(tables, source, allow_code=allow_code)
-    code_folder, joints = _code_folder(tables.provenance, source) if allow_code else None, model.joints
+    configuration, joints = tables.provenance.configuration, model.joints
+    # where the relative names of Python files start
+    code_folder = Path(source if configuration is None else configuration.path).parent if allow_code else None
 
     def build_part(family: PartFamily, settings: Any) -> Any:
         return build(family, settings, family.name, code_folder, **({"joints": joints} if family.caller_fields else {}))
@@ -112,13 +111,9 @@ def _complete_estimate(file: ResultFile, model: Model, source: str) -> Estimate:
     value = np.array([row.value for row in file.parameters])
     if not np.isfinite(value).all():
         raise InputError(f"{source}: a parameter has no value; identify again.")
-    provenance = tuple(row.provenance for row in file.parameters if row.provenance is not None)
-    return replace(
-        file.estimate,
-        parameters=model.parameters,
-        value=value,
-        provenance=provenance if len(provenance) == len(value) else (),
-    )
+    rows = tuple(row.provenance for row in file.parameters if row.provenance is not None)
+    provenance = rows if len(rows) == len(value) else ()
+    return replace(file.estimate, parameters=model.parameters, value=value, provenance=provenance)
 
 
 def _complete_errors(file: ResultFile) -> StandardErrors:
@@ -133,8 +128,3 @@ def _complete_errors(file: ResultFile) -> StandardErrors:
             if None not in (column := [getattr(row, name) for row in base.parameters])
         }
     return replace(file.errors, **columns)
-
-
-def _code_folder(sources: Sources, source: str) -> Path:
-    """Return where the relative names of Python files start."""
-    return Path(source if sources.configuration is None else sources.configuration.path).parent

@@ -64,35 +64,25 @@ def result_data(identification: Identification, report: Mapping[str, Any] | None
 
 
 def _locked_positions(model: Model) -> dict[str, float]:
-    return {
-        name: float(value)
-        for term in model.terms
-        if isinstance(term, RigidBodies)
-        for name, value in dict(term.locked).items()
-    }
+    bodies = [term for term in model.terms if isinstance(term, RigidBodies)]
+    return {name: float(value) for term in bodies for name, value in dict(term.locked).items()}
 
 
 def _parameter_rows(identification: Identification) -> Iterator[dict[str, Any]]:
     estimate, errors = identification.estimate, identification.errors
     for k, parameter in enumerate(estimate.parameters):
+        provenance = estimate.provenance[k] if estimate.provenance else None
         yield {
-            "name": parameter.name,
-            "value": estimate.value[k],
-            "std": errors.std[k],
-            "std_independent": errors.std_independent[k],
-            "unit": parameter.unit,
-            "provenance": estimate.provenance[k] if estimate.provenance else None,
-        }
+            "name": parameter.name, "value": estimate.value[k], "std": errors.std[k],
+            "std_independent": errors.std_independent[k], "unit": parameter.unit, "provenance": provenance,
+        }  # fmt: skip
 
 
 def _base_values(basis: BaseParameters, identification: Identification, *, on_data: bool = False) -> dict[str, Any]:
     """Return base parameters by name; those ``on_data`` with their values and standard errors where they are known."""
     estimate, errors = identification.estimate, identification.errors
-    columns = {
-        "value": basis.to_base(estimate.value),
-        "std": errors.base_std,
-        "std_independent": errors.base_std_independent,
-    }
+    columns = {"value": basis.to_base(estimate.value), "std": errors.base_std}
+    columns |= {"std_independent": errors.base_std_independent}
     # of each combination only the coefficients that are not zero
     rows = [
         {
@@ -182,9 +172,8 @@ def read_log_like(identification: Identification, text: str, *, allow_code: bool
     configuration = identification.provenance.configuration
     if configuration is None:
         raise InputError("the result was made from Python, without a configuration: predict a Log from Python, too.")
-    config = parse_config(
-        configuration.text, Path(configuration.path).parent, configuration.path, allow_code=allow_code
-    )
+    folder = Path(configuration.path).parent
+    config = parse_config(configuration.text, folder, configuration.path, allow_code=allow_code)
     return read_logs(log_spec(text, config), config, identification.model.joints, torque=False)
 
 
@@ -197,10 +186,9 @@ def model_files(path: Path, sources: Sources) -> tuple[str, ...]:
     try:
         export_entries = json.loads(content(path, weight=JSON_WEIGHT, remember=False))["report"]["exports"]
         digests = {path.with_name(entry["file"]): entry["sha256"] for entry in export_entries}
-        present_files = [file for file in digests if file.is_file() and str(real_path(file)) not in read]
-        return tuple(
-            file.name for file in present_files if sha256(content(file, remember=False)).hexdigest() == digests[file]
-        )
+        present = [file for file in digests if file.is_file() and str(real_path(file)) not in read]
+        hashes = {file: sha256(content(file, remember=False)).hexdigest() for file in present}
+        return tuple(file.name for file in present if hashes[file] == digests[file])
     except (InputError, ValueError, RecursionError, KeyError, TypeError):
         return ()  # no result, or of another version
 

@@ -129,10 +129,9 @@ class RobotSettings(Section):
     @property
     def proposed(self) -> tuple[type, ...]:
         """The classes listed by name alone beside "auto" that say in what sizes they are to be tried."""
-        listed_parts = [TERMS.get(part) if isinstance(part, str) else part for part in self.terms if part != AUTO]
-        return tuple(
-            part for part in listed_parts if self.chooses_terms and isinstance(part, type) and hasattr(part, "proposed")
-        )
+        listed = [TERMS.get(part) if isinstance(part, str) else part for part in self.terms if part != AUTO]
+        classes = [part for part in listed if isinstance(part, type) and hasattr(part, "proposed")]
+        return tuple(classes) if self.chooses_terms else ()
 
     @property
     def chooses_terms(self) -> bool:

@@ -24,8 +24,7 @@ from dynident.project.drive_settings import (
 from dynident.project.fields import POSITIONS, TORQUES, VELOCITIES, Angle, Channel, unit_factor
 from dynident.project.settings import Config, LogSpec
 from dynident.runtime import ConfigError, InputError
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 MIN_STEP_SHARE = 1e-4  # share of the usual step
 _EPISODE_COLUMNS = ("episode", "episode_index", "episode_id")
@@ -318,12 +317,8 @@ def _logged_controller(
         return CascadePD(kp=kp, kv=kv, **common_fields)
     kp, ki = reader.gains("kp"), reader.gains("ki") if isinstance(settings, PIDSettings) else None
     reader.check_stiffness(kp if ki is None else np.hypot(kp, ki))
-    pd = PD(
-        kp=kp,
-        kd=reader.gains("kd"),
-        velocity_reference=reader.signal("velocity_reference", VELOCITIES),
-        **common_fields,
-    )
+    kd, velocity = reader.gains("kd"), reader.signal("velocity_reference", VELOCITIES)
+    pd = PD(kp=kp, kd=kd, velocity_reference=velocity, **common_fields)
     return pd if ki is None else PID(pd, ki)
 
 

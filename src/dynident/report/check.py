@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from dynident.checks import ChannelFacts, CheckResult, Excitation, RobotJointFacts, Timing
 from dynident.report.page import Column, PageTable
-from dynident.runtime import Remark, Severity, Use, count, number, place_and_text
-
-if TYPE_CHECKING:
-    from dynident.checks import ChannelFacts, CheckResult, Excitation, RobotJointFacts, Timing
-    from dynident.runtime import Finding
-
+from dynident.runtime import Finding, Remark, Severity, Use, count, number, place_and_text
 
 TITLES = {Severity.ERROR: "Errors", Severity.WARNING: "Warnings", Severity.INFO: "Good to know"}
 USE_ORDER = {Use.CONTROL: 0, Use.SIMULATION: 1, None: 2}  # what forbids a use comes first
@@ -61,7 +57,9 @@ def fact_tables(check: CheckResult) -> list[PageTable]:
 def check_dict(check: CheckResult) -> dict[str, Any]:
     """Return everything as plain values: findings, and facts on logs, joints, rank and links."""
     return {
-        "findings": [_finding_dict(finding) for finding in check.findings],
+        "findings": [
+            {**vars(x), "severity": x.severity.value, "topic": x.topic, "message": x.text} for x in check.findings
+        ],
         "logs": {
             name: {**asdict(timing), "channels": [asdict(x) for x in check.channels.get(name, ())]}
             for name, timing in check.timings.items()
@@ -76,10 +74,6 @@ def check_dict(check: CheckResult) -> dict[str, Any]:
         "links": [asdict(link) for link in check.links],
         "robot_joints": [asdict(joint) for joint in check.joints],
     }
-
-
-def _finding_dict(finding: Finding) -> dict[str, Any]:
-    return {**vars(finding), "severity": finding.severity.value, "topic": finding.topic, "message": finding.text}
 
 
 def finding_groups(findings: Sequence[Finding]) -> list[list[Finding]]:
@@ -109,20 +103,13 @@ def finding_table(groups: Sequence[Sequence[Finding]], title: str) -> PageTable:
 
 def _time_table(timings: Mapping[str, Timing]) -> PageTable:
     heads = ("samples", "length, s", "rate, Hz", "jitter, %", "longest step, ms", "lost", "noise if even")
-    rows = (
-        (
-            name,
-            str(timing.samples),
-            number(timing.length),
-            number(timing.rate),
-            # Jitter below 1 ppm is rounding of the stamps
-            number(100 * timing.jitter if timing.jitter > 1e-6 else 0.0, 2),
-            number(1000 * timing.longest, 3),
-            str(timing.missing),
-            f"x {timing.even:.3g}",
-        )
-        for name, timing in timings.items()
-    )
+    rows = []
+    for name, timing in timings.items():
+        # Jitter below 1 ppm is rounding of the stamps
+        jitter = number(100 * timing.jitter if timing.jitter > 1e-6 else 0.0, 2)
+        sizes = str(timing.samples), number(timing.length), number(timing.rate)
+        steps = number(1000 * timing.longest, 3), str(timing.missing), f"x {timing.even:.3g}"
+        rows.append((name, *sizes, jitter, *steps))
     return PageTable.of(("log",), heads, rows, "Time")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
@@ -108,11 +109,6 @@ class _Law:
     name: str
     summands: list[tuple[str, Equation]] = field(default_factory=list)
     extra_torques: list[tuple[str, float]] = field(default_factory=list)
-
-    @property
-    def signature(self) -> tuple[object, ...]:
-        """What laws with the same symbols have in common."""
-        return tuple(equation.torque for _, equation in self.summands), tuple(self.extra_torques)
 
     def parts(self, values: Mapping[str, float] | None = None) -> Iterator[tuple[str, Substitutes]]:
         """Yield the texts of the summands with what stands for their symbols.
@@ -222,7 +218,8 @@ def _symbolic_laws(model: Model, joints: Sequence[_Law], lhs: str) -> Iterator[t
     """Yield the laws in symbols; joints with the same law share a line."""
     groups: dict[object, list[_Law]] = {}
     for law in joints:
-        groups.setdefault(law.signature, []).append(law)
+        symbols = tuple(equation.torque for _, equation in law.summands), tuple(law.extra_torques)
+        groups.setdefault(symbols, []).append(law)
     for group in groups.values():
         all_of_them = len(group) == len(model.joints) > 1
         who = "each joint" if all_of_them else join_names((law.name for law in group), MAX_LISTED_JOINTS)
@@ -248,20 +245,17 @@ def _legend(model: Model, laws: Sequence[_Law]) -> Markup:
     equations = [(words, equation) for law in laws for words, equation in law.summands]
     for words, equation in equations:
         units = ", ".join(dict.fromkeys(unit_of[name] for name in equation.parameters))
-        shown_names = [
-            parameter_name if len(parameter_name) == 1 else name
-            for name, parameter_name in zip(equation.symbols, equation.parameters, strict=True)
-        ]
-        legend.setdefault(", ".join(map(_math, shown_names)), f"{escape(words)}{_unit_suffix(units)}")
+        pairs = zip(equation.symbols, equation.parameters, strict=True)
+        shown = ", ".join(_math(parameter if len(parameter) == 1 else name) for name, parameter in pairs)
+        legend.setdefault(shown, f"{escape(words)}{_unit_suffix(units)}")
     for _, equation in equations:
         for name, _, unit in equation.constants:
             legend.setdefault(_math(name), _constant_words(name, unit, [law for _, law in equations]))
         for name, text in equation.where:
             legend.setdefault(str(_equation_markup(symbol(name), [(text, {})])), "")
-    texts = " ".join(
-        text for _, equation in equations for text in (equation.torque, *(text for _, text in equation.where))
-    )
-    legend |= {_math(name): words for name, words in SPECIAL_SYMBOLS.items() if name in _identifiers(texts)}
+    texts = " ".join(" ".join((equation.torque, *dict(equation.where).values())) for _, equation in equations)
+    names = set(re.findall(r"\w+", texts))
+    legend |= {_math(name): words for name, words in SPECIAL_SYMBOLS.items() if name in names}
     # A sign with a dead zone needs its own line
     if "sign(dq, d_c)" in texts:
         legend[_math("sign(x, d_c)")] = f"the sign, 0 up to {_math('d_c')}"
@@ -281,10 +275,6 @@ def _unit_suffix(unit: str) -> str:
     return "" if unit in ("1", "") else f" ({escape(unit_text(unit))})"
 
 
-def _identifiers(text: str) -> set[str]:
-    return set("".join(sign if sign.isalnum() or sign == "_" else " " for sign in text).split())
-
-
 def _known_values(identification: Identification) -> dict[str, float]:
     """Return the values to show by parameter name: those that data, prior or a bound determine."""
     estimate, errors = identification.estimate, identification.errors.std
@@ -298,9 +288,7 @@ def _equation_markup(lhs: str, parts: Iterable[tuple[str, Substitutes]]) -> Mark
     """Return an equation in pieces, between which a line may be broken."""
     from markupsafe import Markup
 
-    summands = [
-        piece for text, substitutes in parts for piece in signed_summands(text, substitutes)
-    ] or signed_summands("0")
+    summands = [piece for part in parts for piece in signed_summands(*part)] or signed_summands("0")
     beginning = inline(f'{lhs}<mo rspace="0">=</mo>', is_markup=True)
     markup = []
     for k, (sign, inner) in enumerate(summands):
@@ -323,10 +311,6 @@ def _equation_box(title: str, rows: Iterable[tuple[str, Markup, str]]) -> Markup
     """Return equations one below the other, each with its name and unit, in a box that scrolls by itself."""
     from markupsafe import Markup
 
-    inner = Markup("").join(
-        Markup('<div><span class="of">{}</span><span class="law">{} <span class="unit">{}</span></span></div>').format(
-            *row
-        )
-        for row in rows
-    )
+    line = Markup('<div><span class="of">{}</span><span class="law">{} <span class="unit">{}</span></span></div>')
+    inner = Markup("").join(line.format(*row) for row in rows)
     return Markup('<div class="equations" tabindex="0" role="group" aria-label="{}">{}</div>').format(title, inner)

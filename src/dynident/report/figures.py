@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.runtime import InputError, Noun, install_command
+from dynident.runtime.arrays import Array
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-Array = NDArray[np.float64]
 Trace = dict[str, Any]
 
 INK = "#7d7d7d"
@@ -196,16 +196,8 @@ def curve(t: Array, y: Array, name: str, line: Mapping[str, Any], points: int = 
         single, values = t.astype(np.float32), y.astype(np.float32)
         # Times must still rise in single precision, else neighbouring samples would coincide
         rising = (np.diff(single) > 0).all()
-    return trace(
-        "scatter",
-        x=single if rising else t,
-        y=values,
-        name=name,
-        mode="lines",
-        line=dict(line),
-        meta="ink" if line["color"] == INK else None,
-        hovertemplate="%{y:.4g}",
-    )
+    look = {"name": name, "mode": "lines", "line": dict(line), "meta": "ink" if line["color"] == INK else None}
+    return trace("scatter", x=single if rising else t, y=values, **look, hovertemplate="%{y:.4g}")
 
 
 def mark_rows(figure: Drawing, labels: list[str], series: Iterable[tuple[Array, str, str, str]], title: str) -> None:
@@ -216,18 +208,11 @@ def mark_rows(figure: Drawing, labels: list[str], series: Iterable[tuple[Array, 
     rows = np.arange(len(labels))
     for values, name, colour, symbol in series:
         good = np.isfinite(values) & (values > 0)
-        marks = trace(
-            "scatter",
-            x=values[good],
-            y=rows[good],
-            mode="markers",
-            name=name,
-            marker={"color": colour, "size": 9, "symbol": symbol, "line": {"width": 1.6}},
-            text=[labels[k] for k in np.flatnonzero(good)],
-            hovertemplate="%{text}: %{x:.3g} %",
-            meta="ink" if colour == INK else None,
-        )
-        figure.add(marks)
+        marker = {"color": colour, "size": 9, "symbol": symbol, "line": {"width": 1.6}}
+        look: Trace = {"mode": "markers", "name": name, "marker": marker}
+        look |= {"text": [labels[k] for k in np.flatnonzero(good)]}
+        look |= {"hovertemplate": "%{text}: %{x:.3g} %", "meta": "ink" if colour == INK else None}
+        figure.add(trace("scatter", x=values[good], y=rows[good], **look))
     figure.axes("y", tickvals=rows, ticktext=labels, range=[len(labels) - 0.5, -0.5])
     figure.axes("x", type="log", title=title, dtick=1, exponentformat="power")
     figure.layout.update(hovermode="closest")
@@ -254,9 +239,8 @@ def clock(t: float) -> str:
     """Return a stamp (s) that counts from 1970 as a time of day, such as "2016-04-07 13:43:10 UTC"; "" for others."""
     from datetime import UTC, datetime
 
-    return (
-        datetime.fromtimestamp(t, UTC).strftime("%Y-%m-%d %H:%M:%S UTC") if CLOCK_RANGE[0] < t < CLOCK_RANGE[1] else ""
-    )
+    is_date = CLOCK_RANGE[0] < t < CLOCK_RANGE[1]
+    return datetime.fromtimestamp(t, UTC).strftime("%Y-%m-%d %H:%M:%S UTC") if is_date else ""
 
 
 def with_gaps(values: Array, keep: NDArray[np.bool_]) -> Array:

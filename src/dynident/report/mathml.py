@@ -54,9 +54,8 @@ def signed_summands(text: str, substitutes: Substitutes | None = None) -> list[t
 
     Raises SyntaxError for a text that is no expression, ValueError for one that holds more than formulas do.
     """
-    return [
-        (sign, _product_markup(node, substitutes or {})) for sign, node in _summands(_parse(text), substitutes or {})
-    ]
+    values = substitutes or {}
+    return [(sign, _product_markup(node, values)) for sign, node in _summands(_parse(text), values)]
 
 
 def formula(text: str) -> str:
@@ -106,9 +105,9 @@ class ExactNumber(float):
     """A given number, which is shown without trailing zeros."""
 
 
-def number_markup(value: float, digits: int = DIGITS) -> str:
-    """Return the magnitude of a number to ``digits`` digits, with a power of ten where it needs one."""
-    text = f"{abs(value):.4g}" if isinstance(value, ExactNumber) else number(abs(value), digits)
+def number_markup(value: float) -> str:
+    """Return the magnitude of a number to three digits, with a power of ten where it needs one."""
+    text = f"{abs(value):.4g}" if isinstance(value, ExactNumber) else number(abs(value), DIGITS)
     plain, _, power = text.partition("e")
     if not power:
         return f"<mn>{plain}</mn>"
@@ -226,17 +225,13 @@ def _power_markup(base: ast.expr, exponent: str, substitutes: Substitutes) -> st
     match base:
         case ast.Call(func=ast.Name(id=name), args=[argument]) if name not in ("abs", "exp", "sqrt"):
             return _application(f"<msup>{_function(name)}{exponent}</msup>", [argument], substitutes)
-        case ast.Name():
-            base_markup = _atom(base, substitutes)
-        case ast.Call(func=ast.Name(id="abs")):
+        case ast.Name() | ast.Call(func=ast.Name(id="abs")):
             base_markup = _atom(base, substitutes)
         case _:
             value = _numeric_value(base, substitutes)
-            base_markup = (
-                number_markup(value)
-                if value is not None and value >= 0
-                else _in_brackets(_expression(base, substitutes))
-            )
+            base_markup = number_markup(value or 0.0)
+            if value is None or value < 0:
+                base_markup = _in_brackets(_expression(base, substitutes))
     # An exponent stands above the subscript, not beside it
     if isinstance(base, ast.Name) and base_markup.startswith("<msub>"):  # above its subscript
         return f"<msubsup>{base_markup.removeprefix('<msub>').removesuffix('</msub>')}{exponent}</msubsup>"
@@ -253,9 +248,8 @@ def _call_markup(name: str, argument: ast.expr, others: list[ast.expr], substitu
         bars = (f'<mo form="{form}" stretchy="false">|</mo>' for form in ("prefix", "postfix"))
         return f"<mrow>{inner.join(bars)}</mrow>"
     if name == "sign" and len(others) == 1:
-        return _application(
-            f"<msub>{_function(name)}{_expression(others[0], substitutes)}</msub>", [argument], substitutes
-        )
+        function = f"<msub>{_function(name)}{_expression(others[0], substitutes)}</msub>"
+        return _application(function, [argument], substitutes)
     return _application(_function(name), [argument, *others], substitutes)
 
 

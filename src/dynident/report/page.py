@@ -123,13 +123,18 @@ class PageTable:
 
     @classmethod
     def of(
-        cls, texts: Sequence[str], heads: Iterable[Head], rows: Iterable[Iterable[str]], caption: str = ""
+        cls,
+        texts: Sequence[str],
+        heads: Iterable[Head],
+        rows: Iterable[Iterable[str]],
+        caption: str = "",
+        links: Iterable[str] = (),
     ) -> PageTable:
         """Return a table: columns of ``texts`` by their titles, then those of the ``heads``."""
         columns = [Column(title, numeric=False) for title in texts]
         for head in heads:
             columns.append(head if isinstance(head, Column) else Column(*((head,) if isinstance(head, str) else head)))
-        return cls(tuple(columns), tuple(map(tuple, rows)), caption)
+        return cls(tuple(columns), tuple(map(tuple, rows)), caption, tuple(links))
 
     @property
     def groups(self) -> tuple[tuple[str, int], ...]:
@@ -148,11 +153,6 @@ class PageTable:
         words = {word for cell in cells if not hasattr(cell, "__html__") for word in cell.split()}
         long = sorted(word for word in words if len(word) > MAX_NAME_LENGTH)
         return dict(zip(long, shorten_names(long, MAX_NAME_LENGTH), strict=True))
-
-    @property
-    def titled(self) -> bool:
-        """Whether any column has a title."""
-        return any(column.title for column in self.columns)
 
 
 @dataclass(frozen=True)
@@ -288,22 +288,12 @@ def stylesheet() -> str:
 def _environment() -> jinja2.Environment:
     import jinja2
 
+    loader, undefined = jinja2.PackageLoader("dynident.report"), jinja2.StrictUndefined
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("dynident.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+        loader=loader, autoescape=True, undefined=undefined, trim_blocks=True, lstrip_blocks=True
     )
-    filters = {
-        "kind": _block_kind,
-        "cell": cell,
-        "said": typeset,
-        "json": _figure_json,
-        "words": sentence,
-        "names": _shorten_names,
-    }
-    environment.filters |= filters
+    environment.filters |= {"kind": _block_kind, "cell": cell, "said": typeset}
+    environment.filters |= {"json": _figure_json, "words": sentence, "names": _shorten_names}
     return environment
 
 

@@ -23,6 +23,7 @@ RANGE_POSES = 60  # of a course, within whose reach the view stays
 VIEW_MARGIN = 0.03  # share of the view around that
 GRID_COLOUR = "#a3a9b0"  # of the grid: thin, as WebGL draws them
 LIGHT = {"x": 600, "y": 1000, "z": 3000}
+SHINE = {"ambient": 0.6, "diffuse": 0.7, "specular": 0.15, "roughness": 0.8}
 CUBE_CORNERS = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
 Faces = NDArray[np.intp]
 PARALLEL_CORNERS, MERIDIAN_STEPS = 16, 8  # corners of a parallel of an ellipsoid, and steps from pole to pole
@@ -48,15 +49,10 @@ def cylinder_mesh(name: str, centre: Array, radius: float, bottom: float, top: f
     a, b = np.arange(CYLINDER_SIDES), (np.arange(CYLINDER_SIDES) + 1) % CYLINDER_SIDES
     low, high = np.full(CYLINDER_SIDES, 2 * CYLINDER_SIDES), np.full(CYLINDER_SIDES, 2 * CYLINDER_SIDES + 1)
     # Two triangles per side, and one per side to the centre of each end
-    sides = [
-        (a, b, b + CYLINDER_SIDES),
-        (a, b + CYLINDER_SIDES, a + CYLINDER_SIDES),
-        (b, a, low),
-        (a + CYLINDER_SIDES, b + CYLINDER_SIDES, high),
-    ]
-    return SceneMesh(
-        name, np.concatenate([*rings, middles]), np.concatenate([np.stack(corners, axis=1) for corners in sides])
-    )
+    a_top, b_top = a + CYLINDER_SIDES, b + CYLINDER_SIDES
+    sides = [(a, b, b_top), (a, b_top, a_top), (b, a, low), (a_top, b_top, high)]
+    faces = np.concatenate([np.stack(corners, axis=1) for corners in sides])
+    return SceneMesh(name, np.concatenate([*rings, middles]), faces)
 
 
 def box_mesh(name: str, centre: Array, size: Array, axes: Array | None = None) -> SceneMesh:
@@ -122,10 +118,10 @@ def scene_figure(
     """
     arm = bodies.arm
     still = list(still)
-    data = [
-        moving_trace.trace | dict(zip("xyz", _placed_points(bodies, replays[0].q[:1], moving_trace)[0].T, strict=True))
-        for moving_trace in moving
-    ]
+    data, start = [], bodies.placements(replays[0].q[:1])
+    for part in moving:
+        points = start.points(part.body, part.points).astype(np.float32)[0]
+        data.append(part.trace | dict(zip("xyz", points.T, strict=True)))
     motion = {
         "bodies": {
             "parent": [-1 if body.parent is None else body.parent for body in arm.bodies],
@@ -134,18 +130,10 @@ def scene_figure(
             "axis": _encode_floats(np.array([body.joint.axis for body in arm.bodies])),
         },
         "replays": [
-            {
-                "name": replay.name,
-                "start": replay.start,
-                "stop": replay.stop,
-                "q": _encode_floats(replay.q @ arm.drive.T + arm.offset),
-            }
-            for replay in replays
+            {"name": x.name, "start": x.start, "stop": x.stop, "q": _encode_floats(x.q @ arm.drive.T + arm.offset)}
+            for x in replays
         ],
-        "moving": [
-            {"points": _encode_floats(moving_trace.points), "body": _body_runs(moving_trace.body)}
-            for moving_trace in moving
-        ],
+        "moving": [{"points": _encode_floats(part.points), "body": _body_runs(part.body)} for part in moving],
         "layers": [{"name": layer.name, "shown": layer.visible, "faded": layer.faded} for layer in layers],
     }
     lengths = _view_range(bodies, replays, moving, still)
@@ -154,30 +142,10 @@ def scene_figure(
 
 def solid(mesh: SceneMesh, colour: str, opacity: float = 1.0, **more: Any) -> Trace:
     """Return a mesh as a trace."""
-    x, y, z = mesh.vertices.T
-    i, j, k = mesh.faces.T
-    shine = {"ambient": 0.6, "diffuse": 0.7, "specular": 0.15, "roughness": 0.8}
-    return trace(
-        "mesh3d",
-        x=x.astype(np.float32),
-        y=y.astype(np.float32),
-        z=z.astype(np.float32),
-        i=i.astype(np.int32),
-        j=j.astype(np.int32),
-        k=k.astype(np.int32),
-        color=colour,
-        opacity=opacity,
-        flatshading=True,
-        lighting=shine,
-        lightposition=LIGHT,
-        name=plain(mesh.name),
-        **{"hoverinfo": "name", **more},
-    )
-
-
-def _placed_points(bodies: RigidBodies, q: Array, moving_trace: MovingTrace) -> Array:
-    """Return the points (N, V, 3) of a moving trace at positions q (N, n)."""
-    return bodies.placements(q).points(moving_trace.body, moving_trace.points).astype(np.float32)
+    places = dict(zip("xyz", mesh.vertices.T.astype(np.float32), strict=True))
+    corners = dict(zip("ijk", mesh.faces.T.astype(np.int32), strict=True))
+    look = {"color": colour, "opacity": opacity, "flatshading": True, "lighting": SHINE, "lightposition": LIGHT}
+    return trace("mesh3d", **places, **corners, **look, name=plain(mesh.name), **{"hoverinfo": "name", **more})
 
 
 def _body_runs(body: Faces) -> list[tuple[int, int]]:
@@ -218,13 +186,9 @@ def _scene_layout(lengths: Sequence[tuple[float, float]]) -> dict[str, Any]:
     font = {"family": "sans-serif", "size": 12}  # WebGL knows no inherited ones
     sizes = np.array([high - low for low, high in lengths])
     axis = {
-        "tickfont": font,
-        "backgroundcolor": "rgba(0, 0, 0, 0)",
-        "gridcolor": GRID_COLOUR,
-        "showspikes": False,
-        "zerolinecolor": GRID_COLOUR,
-        "nticks": 5,
-    }
+        "tickfont": font, "backgroundcolor": "rgba(0, 0, 0, 0)", "gridcolor": GRID_COLOUR, "showspikes": False,
+        "zerolinecolor": GRID_COLOUR, "nticks": 5,
+    }  # fmt: skip
     scene = {
         "aspectmode": "manual",
         "aspectratio": dict(zip("xyz", (sizes / sizes.max()).tolist(), strict=True)),
@@ -236,14 +200,9 @@ def _scene_layout(lengths: Sequence[tuple[float, float]]) -> dict[str, Any]:
         },
     }
     return {
-        "template": TEMPLATE,
-        "height": HEIGHT,
-        "scene": scene,
-        "showlegend": False,
-        "hovermode": "closest",
-        "margin": {"t": 0, "l": 0, "r": 0, "b": 0},
-        "uirevision": "kept",
-    }
+        "template": TEMPLATE, "height": HEIGHT, "scene": scene, "showlegend": False, "hovermode": "closest",
+        "margin": {"t": 0, "l": 0, "r": 0, "b": 0}, "uirevision": "kept",
+    }  # fmt: skip
 
 
 class Ellipsoid(Noun):
@@ -284,11 +243,8 @@ def root_surface(outline: Outline) -> Trace:
 def solid_ellipsoids(ellipsoids: Sequence[Ellipsoid], name: str) -> MovingTrace:
     """Return solid ellipsoids in one trace, each in its colour."""
     points, faces = _unit_ball()
-    mesh = SceneMesh(
-        name,
-        np.concatenate([ellipsoid.map_points(points) for ellipsoid in ellipsoids]),
-        np.concatenate([faces + k * len(points) for k in range(len(ellipsoids))]),
-    )
+    vertices = np.concatenate([ellipsoid.map_points(points) for ellipsoid in ellipsoids])
+    mesh = SceneMesh(name, vertices, np.concatenate([faces + k * len(points) for k in range(len(ellipsoids))]))
     colours = [ellipsoid.colour for ellipsoid in ellipsoids for _ in faces]
     body = np.repeat([ellipsoid.body for ellipsoid in ellipsoids], len(points))
     return MovingTrace(solid(mesh, ellipsoids[0].colour, facecolor=colours, hoverinfo="skip"), mesh.vertices, body)
@@ -303,9 +259,8 @@ def ellipsoid_circles(ellipsoids: Sequence[Ellipsoid], name: str) -> MovingTrace
     circles = np.concatenate([part for k in range(3) for part in (np.roll(flat, k, axis=1), gap)])
     points = np.concatenate([ellipsoid.map_points(circles) for ellipsoid in ellipsoids])
     look = trace("scatter3d", mode="lines", line={"color": INK, "width": 3}, meta="ink", name=name, hoverinfo="skip")
-    return MovingTrace(
-        look | {"showlegend": True}, points, np.repeat([ellipsoid.body for ellipsoid in ellipsoids], len(circles))
-    )
+    body = np.repeat([ellipsoid.body for ellipsoid in ellipsoids], len(circles))
+    return MovingTrace(look | {"showlegend": True}, points, body)
 
 
 def centre_marks(points: Mapping[int, Array], name: str, symbol: str) -> MovingTrace:
@@ -319,11 +274,8 @@ def centre_marks(points: Mapping[int, Array], name: str, symbol: str) -> MovingT
 def legend_key(name: str, colour: str) -> Trace:
     """Return a trace that shows a colour in the legend and nothing else."""
     marker = {"color": colour, "size": 10, "symbol": "square"}
-    nowhere = {"x": [None], "y": [None], "z": [None]}
-    return (
-        trace("scatter3d", mode="markers", marker=marker, name=name, hoverinfo="skip", showlegend=True, legendrank=1)
-        | nowhere
-    )
+    look = {"mode": "markers", "marker": marker, "name": name, "hoverinfo": "skip", "showlegend": True}
+    return trace("scatter3d", **look, legendrank=1) | {"x": [None], "y": [None], "z": [None]}
 
 
 def path_trace(points: Array) -> Trace:
@@ -335,14 +287,9 @@ def path_trace(points: Array) -> Trace:
 
 def _unit_ball() -> tuple[Array, Faces]:
     """Return a ball of radius 1: points (V, 3) and triangles (F, 3)."""
-    turn, up = (
-        2 * np.pi * np.arange(PARALLEL_CORNERS) / PARALLEL_CORNERS,
-        np.pi * np.arange(1, MERIDIAN_STEPS) / MERIDIAN_STEPS,
-    )
-    rings = [
-        np.stack((np.sin(u) * np.cos(turn), np.sin(u) * np.sin(turn), np.full(PARALLEL_CORNERS, np.cos(u))), 1)
-        for u in up
-    ]
+    turn = 2 * np.pi * np.arange(PARALLEL_CORNERS) / PARALLEL_CORNERS
+    up = np.pi * np.arange(1, MERIDIAN_STEPS) / MERIDIAN_STEPS
+    rings = [np.stack((np.sin(u) * np.cos(turn), np.sin(u) * np.sin(turn), np.cos(u) + 0 * turn), 1) for u in up]
     points = np.concatenate([*rings, [[0.0, 0, 1], [0, 0, -1]]])
     corner, following = np.arange(PARALLEL_CORNERS), np.roll(np.arange(PARALLEL_CORNERS), -1)
     last = (MERIDIAN_STEPS - 2) * PARALLEL_CORNERS

@@ -286,9 +286,8 @@ class Plot:
         """Draw measured and simulated position of one joint; InputError where there is no free simulation."""
         validation, axis = self._select(log, joint)
         if validation.free_run is None:
-            raise InputError(
-                f"{validation.name}: there is no free simulation; ask for one by the field `restart` of a recipe."
-            )
+            words = "there is no free simulation; ask for one by the field `restart` of a recipe."
+            raise InputError(f"{validation.name}: {words}")
         return run_figure(validation.free_run, axis.name, axis.unit).figure()
 
     def errors(self) -> go.Figure:

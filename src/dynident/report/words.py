@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from math import inf
-from typing import TYPE_CHECKING
 
+from dynident.identification import Identification
+from dynident.models import Joint
 from dynident.motion.smoothers import strip_time_offset
 from dynident.regression import GroupKind
 from dynident.report.figures import points_per_curve
 from dynident.report.page import Figure, Gallery
 from dynident.runtime import Note, Severity, angles, join_names, number, part_text, short
-
-if TYPE_CHECKING:
-    from dynident.identification import Identification
-    from dynident.models import Joint
-    from dynident.validation import LogValidation
+from dynident.validation import LogValidation
 
 ROLES = {"train": "training", "validation": "held out"}
 ROUNDING = 1e-12
@@ -85,9 +82,9 @@ def tiny(value: float, digits: int = 2) -> str:
     return f"below {ROUNDING:g}" if 0 < abs(value) < ROUNDING else number(value, digits)
 
 
-def huge(value: float, digits: int = 2) -> str:
+def huge(value: float) -> str:
     """Format a ratio; one that rounding makes of infinity is given as above a limit."""
-    return f"above {1 / ROUNDING:g}" if 1 / ROUNDING < value < inf else number(value, digits)
+    return f"above {1 / ROUNDING:g}" if 1 / ROUNDING < value < inf else number(value, 2)
 
 
 def figure_gallery(

@@ -1,6 +1,7 @@
 """Distances of capsules and obstacles, against searches, with derivatives and bounds of their rates."""
 
 import pickle
+from functools import partial
 
 import numpy as np
 import pytest
@@ -87,20 +88,22 @@ def test_the_derivative_by_a_point_is_that_of_moving_the_segment() -> None:
 @pytest.mark.parametrize("body", BODIES, ids=lambda body: getattr(body, "name", "floor"))
 def test_distances_to_bodies_are_those_found_by_searching(body) -> None:
     p, u, _, _ = drawn(2)
-    distance, _, away = body_distance(p, u, signed_distance(body))
-    true = signed_distance(body)(p[:, None] + SHARES[:, None] * u[:, None])[0].min(axis=1)
+    distance, _, away = body_distance(p, u, partial(signed_distance, body))
+    true = signed_distance(body, p[:, None] + SHARES[:, None] * u[:, None])[0].min(axis=1)
     assert (distance < true + 1e-6).all()
     assert (distance > true - 3e-3).all()  # inside a box there is a kink, which the grid may miss
     assert (distance > 0).any()
     assert (distance < 0).any()
     for axis in np.eye(3):
-        moved = slope(lambda x, a=axis: body_distance(p + x * a, u, signed_distance(body))[0], 0.0)
+        moved = slope(lambda x, a=axis: body_distance(p + x * a, u, partial(signed_distance, body))[0], 0.0)
         assert moved == pytest.approx(away @ axis, abs=1e-4)
 
 
 def test_a_segment_through_a_box_is_pushed_out_the_shorter_way() -> None:
     box = Box("box", (0.0, 0.0, 0.0), (1.0, 0.2, 1.0))
-    distance, _, away = body_distance(np.array([[-0.1, 0.05, 0.0]]), np.array([[0.2, 0.0, 0.0]]), signed_distance(box))
+    distance, _, away = body_distance(
+        np.array([[-0.1, 0.05, 0.0]]), np.array([[0.2, 0.0, 0.0]]), partial(signed_distance, box)
+    )
     assert distance[0] == pytest.approx(-0.05, abs=1e-3)
     assert away[0] == pytest.approx([0, 1, 0], abs=1e-9)
 
@@ -111,7 +114,7 @@ def test_distances_to_a_box_are_those_to_its_faces() -> None:
     faces = np.array([np.insert([a, b], k, side) for k in range(3) for side in (-0.5, 0.5) for a in grid for b in grid])
     surface = np.array(box.centre) + faces * box.size
     points = np.random.default_rng(0).uniform(-0.6, 0.8, (80, 3))
-    distance, _ = signed_distance(box)(points)
+    distance, _ = signed_distance(box, points)
     inside = (np.abs(points - box.centre) < np.array(box.size) / 2).all(axis=1)
     near = np.linalg.norm(points[:, None] - surface, axis=2).min(axis=1)
     assert inside.any()
@@ -137,7 +140,7 @@ POST, ENDLESS = Cylinder("post", (0.0, 0.0), 0.3, 0.0, 1.0), Cylinder("post", (1
     ],
 )
 def test_distances_to_obstacles_are_signed_and_point_away(body, point, distance, away) -> None:
-    found, normal = signed_distance(body)(np.array([point]))
+    found, normal = signed_distance(body, np.array([point]))
     assert found[0] == pytest.approx(distance)
     assert normal[0] == pytest.approx(away)
 

@@ -11,9 +11,9 @@ import pytest
 
 import dynident as dy
 from dynident.apps.excitation.config import (
+    ExcitationSettings,
     NoiseOrigin,
     PriorKnowledge,
-    excitation_settings,
     knowledge_of_result,
     nominal_knowledge,
     settings_in,
@@ -22,6 +22,7 @@ from dynident.apps.excitation.config import (
 from dynident.models import Model, RigidBodies
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.project.config import parse_config
+from dynident.project.fields import read_settings
 from dynident.runtime import ConfigError, ModelError
 from tests.apps.excitation.arms import LIMITS, MODEL, THETA, TWO
 from tests.project.configurations import changed
@@ -54,7 +55,7 @@ BOX = {"name": "table", "centre": [0, 0, 0], "size": [1, 1, 1]}
 )
 def test_a_wrong_setting_is_named(given: dict[str, Any], words: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        excitation_settings(given, "arm.yaml: excitation")
+        read_settings(ExcitationSettings, given, "arm.yaml: excitation")
     assert str(caught.value).startswith("arm.yaml: excitation: ")
     assert words in str(caught.value)
 

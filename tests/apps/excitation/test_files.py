@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from dynident.apps.excitation import Piece, Purpose, Trajectory
-from dynident.apps.excitation.family import Fourier
+from dynident.apps.excitation.family import Fourier, LinearCourse
 from dynident.apps.excitation.files import recording_config, sample_trajectory, trajectory_files
 from dynident.apps.excitation.robot import read_excitation
 from dynident.apps.excitation.verify import LimitError
@@ -26,7 +26,7 @@ from tests.apps.excitation.test_excitation import CHANNELS, written
 def motion(joints: tuple[str, ...] = ("lift", "bend"), period: float = 2.0) -> Trajectory:
     series = Fourier(period, 3)
     x = np.random.default_rng(0).standard_normal((len(joints), series.size))
-    return Trajectory(joints, (Piece(series.course(x), Purpose.MOTION),))
+    return Trajectory(joints, (Piece(LinearCourse(series, x), Purpose.MOTION),))
 
 
 WIDE = replace(LIMITS, **{name: np.full(2, size) for name, size in
@@ -109,7 +109,10 @@ def test_a_recording_of_the_motion_is_read(robot: Path, tmp_path: Path) -> None:
     assert "# ? columns and units" in text
     series = Fourier(2.0, 3)
     one = sample_trajectory(
-        Trajectory(("lift", "bend"), (Piece(series.course(np.full((2, series.size), 0.1)), Purpose.MOTION),) * 4), 200.0
+        Trajectory(
+            ("lift", "bend"), (Piece(LinearCourse(series, np.full((2, series.size), 0.1)), Purpose.MOTION),) * 4
+        ),
+        200.0,
     )
     tau = MODEL.torque(one.q, one.dq, one.ddq, THETA)
     for name in ("motion_recorded.csv", "validation_recorded.csv"):

@@ -159,18 +159,20 @@ def test_poses_stand_within_all_limits_and_are_drawn_from_the_generator():
 
 
 def test_where_the_arm_can_stand_nowhere_the_reason_is_said():
-    weak = replace(FREE, limits=replace(LIMITS, torque=np.array([0.2, 15.0])))
     shadow = replace(AROUND, space=Post(radius=2.0))
     # added to an offset of the torque, which acts as gravity does; to dry friction; and a part to both
-    for added, cause in (
-        ({22: -0.8, 24: 50.0}, "gravity"),
-        ({22: 9.0}, r"dry friction alone \(9\.[0-9]*\)"),
-        ({22: -0.65, 24: 0.05}, "gravity with friction"),
+    for weakest, added, cause in (
+        ("lift", {22: -0.8, 24: 50.0}, "gravity"),
+        ("lift", {22: 9.0}, r"dry friction alone \(9\.[0-9]*\)"),
+        ("lift", {22: -0.65, 24: 0.05}, "gravity with friction"),
+        ("bend", {23: 9.0}, r"dry friction alone \(9\.[0-9]*\)"),
     ):
+        torque = np.where(np.array(LIMITS.joints) == weakest, 0.2, 99.0)
+        weak = replace(FREE, limits=replace(LIMITS, torque=torque))
         theta = THETA + np.array([added.get(k, 0.0) for k in range(len(THETA))])
         if cause.endswith("friction"):
             theta[:20] = 0.0
-        words = rf"In \d+ {cause} needs more torque than is allowed, mostly of joint 'lift' \(0\.2\)"
+        words = rf"In \d+ {cause} needs more torque than is allowed, mostly of joint '{weakest}' \(0\.2\)"
         with pytest.raises(ConfigError, match=words):
             replace(weak, theta=theta).random_poses(3, np.random.default_rng(0))
     with pytest.raises(ConfigError, match="nearer than 20 mm, mostly 'upper' and 'post'"):

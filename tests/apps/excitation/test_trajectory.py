@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynident.apps.excitation import Piece, Purpose, Trajectory, slow_down
-from dynident.apps.excitation.family import Fourier
+from dynident.apps.excitation.family import Fourier, LinearCourse
 from dynident.apps.excitation.trajectory import closest_approach
 from dynident.apps.excitation.way import Quintic, rest_state
 
@@ -64,7 +64,7 @@ def test_times_of_any_order_have_their_states():
 def test_the_path_is_the_same_and_its_derivatives_are_smaller() -> None:
     series = Fourier(2.0, 3)
     x = np.random.default_rng(0).standard_normal((2, series.size))
-    fast = Trajectory(("a", "b"), (Piece(series.course(x), Purpose.MOTION, "one"),) * 2)
+    fast = Trajectory(("a", "b"), (Piece(LinearCourse(series, x), Purpose.MOTION, "one"),) * 2)
     slow = slow_down(fast, 4.0)
     t = np.linspace(0.0, fast.duration, 101)
     assert slow.duration == pytest.approx(4 * fast.duration)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.apps.excitation import LimitError, Piece, Purpose, Trajectory, verify
-from dynident.apps.excitation.family import ClampedSpline, Fourier
+from dynident.apps.excitation.family import ClampedSpline, Fourier, LinearCourse
 from dynident.apps.excitation.limits import Feasibility
 from dynident.apps.excitation.trajectory import Hold
 from dynident.apps.excitation.verify import pinocchio_torque
@@ -98,7 +98,7 @@ def test_what_the_guards_let_pass_the_check_lets_pass(seed, periodic):
     rng = np.random.default_rng(seed)
     family = Fourier(6.0, 4) if periodic else ClampedSpline(8.0, 12)
     strong = replace(FREE, limits=replace(LIMITS, torque=np.full(2, np.inf)))
-    pieces = from_rest(strong, family.course(scaled(family, rng, share=1.0)), 1, None, rng)
+    pieces = from_rest(strong, LinearCourse(family, scaled(family, rng, share=1.0)), 1, None, rng)
     if pieces is None:  # ramps need some room
         return
     found = verify(Trajectory(LIMITS.joints, pieces), Feasibility(MODEL, THETA, strong.limits))

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.apps.excitation import MotionLimits, Piece, Purpose, Trajectory, verify
-from dynident.apps.excitation.family import ClampedSpline, Fourier
+from dynident.apps.excitation.family import ClampedSpline, Fourier, LinearCourse
 from dynident.apps.excitation.limits import Feasibility
 from dynident.apps.excitation.trajectory import Sweep, ramp_times
 from dynident.apps.excitation.way import (
@@ -132,7 +132,7 @@ def test_each_is_the_derivative_of_the_one_before():
 def test_a_series_begins_and_ends_at_rest_and_all_pieces_meet(seed, periods, chosen):
     rng, family = np.random.default_rng(seed), Fourier(6.0, 4)
     x, start = scaled(family, rng, share=0.6), None if chosen else np.array([0.3, -0.4])
-    pieces = from_rest(FREE, family.course(x), periods, start, rng)
+    pieces = from_rest(FREE, LinearCourse(family, x), periods, start, rng)
     trajectory = Trajectory(LIMITS.joints, pieces)
     first, last = smooth_and_at_rest(trajectory)
     np.testing.assert_allclose(first, last, atol=1e-9)
@@ -146,10 +146,10 @@ def test_a_series_begins_and_ends_at_rest_and_all_pieces_meet(seed, periods, cho
 def test_the_periods_are_those_of_the_series_from_another_phase_on():
     rng, family = np.random.default_rng(5), Fourier(6.0, 4)
     x = scaled(family, rng, share=0.6)
-    pieces = from_rest(FREE, family.course(x), 1, None, rng)
+    pieces = from_rest(FREE, LinearCourse(family, x), 1, None, rng)
     (course,) = (one.course for one in pieces if one.purpose is Purpose.MOTION)
     t = np.linspace(0, 6.0, 601)
-    given = family.course(x).states(t)[0]
+    given = LinearCourse(family, x).states(t)[0]
     found = course.states(np.array([0.0]))[0]
     assert np.abs(given - found).max(axis=1).min() < 0.02
     np.testing.assert_allclose(np.hypot(course.x[:, 1::2], course.x[:, 2::2]), np.hypot(x[:, 1::2], x[:, 2::2]))
@@ -158,18 +158,18 @@ def test_the_periods_are_those_of_the_series_from_another_phase_on():
 def test_a_spline_needs_no_ramp():
     rng, family = np.random.default_rng(2), ClampedSpline(8.0, 10)
     x = scaled(family, rng, share=0.6)
-    pieces = from_rest(FREE, family.course(x), 2, np.array([0.5, 0.5]), rng)
+    pieces = from_rest(FREE, LinearCourse(family, x), 2, np.array([0.5, 0.5]), rng)
     assert [one.purpose.value for one in pieces] == ["way", "motion", "motion", "way"]
     smooth_and_at_rest(Trajectory(LIMITS.joints, pieces))
-    assert len(from_rest(FREE, family.course(x), 2, None, rng)) == 2
+    assert len(from_rest(FREE, LinearCourse(family, x), 2, None, rng)) == 2
 
 
 def test_without_a_way_there_is_no_motion():
     rng, family = np.random.default_rng(2), Fourier(6.0, 4)
     inside = np.zeros(2)  # of the post
-    assert from_rest(AROUND, family.course(0.1 * scaled(family, rng)), 1, inside, rng) is None
+    assert from_rest(AROUND, LinearCourse(family, 0.1 * scaled(family, rng)), 1, inside, rng) is None
     fast = scaled(family, rng, share=5.0)
-    assert from_rest(FREE, family.course(fast), 1, None, rng) is None or pytest.fail("beyond the limits")
+    assert from_rest(FREE, LinearCourse(family, fast), 1, None, rng) is None or pytest.fail("beyond the limits")
 
 
 LOW, HIGH = np.array([-0.6, 0.0]), np.array([0.6, 0.0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -11,7 +12,7 @@ import pytest
 from scipy.stats import binom
 
 import dynident as dy
-from dynident.apps.fleets import History, find_changes, residual_groups
+from dynident.apps.fleets import ChangeShape, History, find_changes, residual_groups
 from dynident.apps.fleets.components import scatter_of
 from dynident.apps.fleets.doubts import (
     _duplicate_warnings,
@@ -230,6 +231,18 @@ def test_a_robot_of_which_everything_changes_with_one_log_is_doubted() -> None:
     found = find_changes(fleet(rng, 6, 8, {2: later(9, 1.0)}), GROUPS, rng)
     assert [one.group.kind for one in found.changes] == [GroupKind.OFFSET]
     assert list(_simultaneous_change_warnings(found, len(GROUPS))) == []
+
+
+@pytest.mark.parametrize(
+    ("changed", "groups", "doubted"),
+    [(1, 2, False), (2, 2, True), (2, 3, True), (2, 4, False), (3, 4, True), (2, 9, False), (3, 9, True)],
+)
+def test_a_log_is_doubted_where_most_of_what_can_change_does(changed: int, groups: int, doubted: bool) -> None:
+    steps = [
+        SimpleNamespace(shape=ChangeShape.STEP, robot="r", since="log5", group=SimpleNamespace(kind=kind, joint="a"))
+        for kind in list(GroupKind)[:changed]
+    ]
+    assert bool(list(_simultaneous_change_warnings(SimpleNamespace(changes=steps), groups))) is doubted
 
 
 def test_logs_that_fit_far_worse_than_others_of_their_type_are_named() -> None:

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dynident.apps.init.column_mapping import map_columns, widths
-from dynident.apps.init.match import MovableJoint
+from dynident.apps.init.match import ColumnFamily, MovableJoint, match_family
 from dynident.files.tables import DataTable
 from dynident.models.robot_files import RobotJointLimits
 
@@ -31,6 +31,21 @@ def table(**columns) -> DataTable:
     return DataTable(
         {name: np.array(values, float) for name, values in named.items() if values is not None}, {}, "a.csv"
     )
+
+
+@pytest.mark.parametrize(
+    ("joints", "columns", "stated", "matched"),
+    [
+        (ARM[:1], {None: "q"}, None, {"shoulder": "q"}),
+        (ARM, {None: "q"}, None, {}),
+        (ARM, {"elbow": "e", "other": "o"}, {0: "shoulder"}, {"elbow": "e"}),
+        (ARM, {0: "a", 1: "b"}, {0: "elbow", 1: "shoulder"}, {"elbow": "a", "shoulder": "b"}),
+        (ARM, {0: "a", 1: "b"}, {0: "elbow", 2: "shoulder"}, {"shoulder": "a", "elbow": "b"}),
+        (ARM, {0: "a", 1: "b"}, {}, {"shoulder": "a", "elbow": "b"}),
+    ],
+)
+def test_columns_are_matched_by_name_then_number_then_order(joints, columns, stated, matched) -> None:
+    assert match_family(ColumnFamily("position", 0, columns), joints, stated).columns == matched
 
 
 def signals(position=("q1", "q2"), torque=("tau1", "tau2"), size=1.0, peak=20.0):

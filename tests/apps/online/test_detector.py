@@ -9,7 +9,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import f
 
 from dynident.apps.online import Alarm, BaselineKnown, Changed, Event, NewMotion, Passed, Unsteady
@@ -17,9 +16,8 @@ from dynident.apps.online.candidates import evidence, gains, threshold
 from dynident.apps.online.detector import Detector, Knowledge
 from dynident.apps.online.scores import MAX_EQUAL_LENGTHS, Scorer, Scores, Sums, push_sums, suffix_sums
 from dynident.regression import GroupKind
+from dynident.runtime.arrays import Array
 from tests.apps.online.blocks import INFORMATION, SPREAD, block, candidates
-
-Array = NDArray[np.float64]
 
 
 def one(k: int) -> Sums:

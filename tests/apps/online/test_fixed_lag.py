@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from dynident.apps.online import FinalMotion, FixedLag, StreamSmoothing
 from dynident.apps.online.fixed_lag import Context
@@ -12,6 +11,7 @@ from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Spline
 from dynident.motion.splines import Fixed, smooth
 from dynident.runtime import ConfigError, InputError
+from dynident.runtime.arrays import Array
 
 N = 200
 
@@ -46,7 +46,6 @@ def test_each_sample_is_delivered_once_with_those_around_it(before, after, multi
     assert context.held is None
 
 
-Array = NDArray[np.float64]
 STEP, WIDTH, NAMES = 0.004, (0.01, 0.016), ("one", "two")
 
 

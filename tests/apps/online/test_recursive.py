@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from dynident.apps.online import RecursiveLeastSquares
 from dynident.estimators import LeastSquares, LinearEstimator, PhysicallyConsistent, Problem
@@ -17,10 +16,10 @@ from dynident.models.lagrangian import pendulum, two_link_arm
 from dynident.motion.log import Motion
 from dynident.regression import GroupKind, Regression, RegressorBlock
 from dynident.runtime import ConfigError, InputError
+from dynident.runtime.arrays import Array
 from dynident.runtime.families import ESTIMATORS
 from tests.robots import ARM
 
-Array = NDArray[np.float64]
 STEP, SIGMA = 0.01, 0.05
 FRICTION = {GroupKind.FRICTION: 2.0, GroupKind.PAYLOAD: 5.0}
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from dynident.apps.online import Back, Fault, FaultKind, Signal
 from dynident.apps.online.sensors import Sensors
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 RATE, START, STOP = 125.0, 14.0, 24.0
 T = np.arange(0, 28, 1 / RATE)
 BEGIN, END = round(START * RATE), round(STOP * RATE)

@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from dynident.apps.online import MotionBlock, StreamSmoothing, Tracker, estimate_smoothing
 from dynident.identification import Identification
@@ -18,8 +17,6 @@ from dynident.project.saved import load
 from dynident.regression import GroupKind, ParallelFilter
 from dynident.runtime import ConfigError, InputError
 from tests.laws.test_online import identified, recorded
-
-Array = NDArray[np.float64]
 
 
 @cache

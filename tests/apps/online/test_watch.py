@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from dynident.apps import online
 from dynident.apps.online import (
@@ -44,6 +43,7 @@ from dynident.apps.online.watch import Watch, make_watch, read_state, state_byte
 from dynident.files.folder import result_folder
 from dynident.regression import GroupKind
 from dynident.runtime import ConfigError, InputError, Severity
+from dynident.runtime.arrays import Array
 from tests.kept import check_kept
 from tests.project.watched import CHANGE, SETTINGS, result, rows
 
@@ -118,7 +118,6 @@ def test_a_state_that_cannot_be_read_is_said(tmp_path: Path, harm: float | str) 
         read_state(path)
 
 
-Array = NDArray[np.float64]
 HOW = WatchSettings(block=1.0, baseline=25.0, settle=6.0)
 
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import dynident as dy
 from dynident.apps.online import (
@@ -33,8 +32,8 @@ from dynident.identification import Identification
 from dynident.models.lagrangian import MODELS
 from dynident.motion.smoothers import Smoother
 from dynident.runtime import ConfigError, InputError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 HOW = WatchSettings(block=1.0, baseline=25.0, settle=6.0)
 RATE = 100.0
 COUNT = 2 * np.pi / 2**17  # rad, of an encoder

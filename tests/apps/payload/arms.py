@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.payload import mount_of
 from dynident.estimators import LeastSquares
@@ -15,9 +14,9 @@ from dynident.models import Model, RigidBodies, from_physical
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Spline
+from dynident.runtime.arrays import Array
 from tests.robots import joint, link, urdf
 
-Array = NDArray[np.float64]
 SIX = urdf(
     link("base"),
     link("column", 8.0, (0.02, 0.03, 0.1), tensor=np.diag([0.1, 0.1, 0.06])),

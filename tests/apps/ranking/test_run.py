@@ -17,6 +17,7 @@ from dynident.apps.ranking.report import ranking_findings
 from dynident.apps.ranking.task import find_common_samples
 from dynident.estimators import LinearEstimator
 from dynident.models.lagrangian import slider
+from dynident.motion.smoothers import TimeShifted
 from dynident.project.config import parse_config
 from dynident.project.settings import Config
 from dynident.runtime import ConfigError, InputError, Step, progress_to
@@ -114,14 +115,26 @@ def numbers(found: Ranking) -> list[tuple[Any, ...]]:
 
 
 def test_the_combination_of_the_configuration_has_the_errors_of_identify(project: Path) -> None:
-    own = compare(project, smoothers=[], estimators=[], folds=0).configured_entry
+    ranking = compare(project, smoothers=[], estimators=[], folds=0)
+    own = ranking.configured_entry
     assert own is not None
+    assert ranking.block * ranking.blocks == pytest.approx(8.0, rel=0.01)  # the drawn blocks make up the held-out log
     errors = {one.role: one.errors for one in dy.run(project).validations}
     assert own.held_out == pytest.approx(errors["validation"].per_joint, rel=1e-12)
     assert own.same_motion == pytest.approx(errors["validation"].per_joint, rel=1e-12)
     assert own.training == pytest.approx(errors["train"].per_joint, rel=1e-12)
     assert own.overall == pytest.approx(errors["validation"].relative_error, rel=1e-12)
     assert own.cross_validated == {}
+
+
+def test_a_smoother_is_used_as_it_was_chosen_of_several(tmp_path: Path) -> None:
+    path = make_project(tmp_path)
+    path.write_text(path.read_text().replace("{ kind: spline }", "{ kind: spline, rule: torque }"))
+    chosen, shifted = compare(path, smoothers=[TimeShifted(dy.Spline(), 1e-3)], estimators=[], folds=0).smoothers
+    (part,) = chosen.parts
+    assert part == dy.run(path).recipe.smoothers[0]
+    assert part != smoother_candidates(config(smoother="{ kind: spline, rule: torque }"))[0].parts[0]
+    assert shifted.parts == (TimeShifted(dy.Spline(), 1e-3),)
 
 
 def test_each_smoother_has_its_own_time_offset(tmp_path: Path) -> None:

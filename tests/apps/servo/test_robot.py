@@ -23,9 +23,13 @@ URDF = """<robot name="two"><link name="a"/><link name="b"><inertial><origin xyz
 """
 
 
-@pytest.mark.parametrize("gear", [1.0, -4.0])
-def test_a_written_file_moves_as_the_fit(gear: float) -> None:
+INERTIAL = '<inertial pos="0.06 0 0.01" mass="0.14" diaginertia="9e-5 9e-5 9e-5"/>'
+
+
+@pytest.mark.parametrize(("gear", "body"), [(1.0, INERTIAL), (-4.0, '<geom size="0.03" pos="0.06 0 0.01"/>')])
+def test_a_written_file_moves_as_the_fit(gear: float, body: str) -> None:
     text = servo_mjcf(FILE_VALUES).replace('joint="elbow" kp', f'joint="elbow" gear="{gear}" kp')
+    text = text.replace(INERTIAL, body)
     arm = plant(text)
     truth = replace(
         values(),

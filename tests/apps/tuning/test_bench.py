@@ -273,7 +273,7 @@ def test_a_model_of_the_gallery_has_no_terms_to_switch() -> None:
     given = logs(recording(3, 5.0, model=model, theta=theta))
     found = bench(given, model=model).identification
     on = Bench.of(model, given, found, switchable=False)
-    assert on.kinds == ()
+    assert on.switches.kinds == ()
     assert on.start.terms == ((),)
     assert on.fit(on.start.with_degree(0.3)).estimate.names == model.names
     with pytest.raises(ConfigError, match="no kind of terms"):

@@ -85,7 +85,7 @@ def test_what_acts_on_joints_acts_on_all_or_on_one(validated_arm: Bench) -> None
 
 
 def test_a_term_is_switched_where_it_differs(validated_arm: Bench) -> None:
-    view, kind = View.start(validated_arm), validated_arm.kinds[-1]
+    view, kind = View.start(validated_arm), validated_arm.switches.kinds[-1]
     had = kind in validated_arm.start.terms[0]
     some = apply_control(replace(view, alone=True), f"term:{kind}", None, validated_arm)
     assert (kind in some.tuning.terms[0]) is not had

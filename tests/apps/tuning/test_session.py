@@ -249,7 +249,7 @@ def test_a_bench_names_what_there_is_to_choose_from_and_refuses_a_tuning_of_anot
 ) -> None:
     assert bench.estimators == ("consistent", "least_squares")
     assert bench.log_names == ("monday", "tuesday")
-    assert {"viscous", "stribeck", "dahl"} <= set(bench.kinds)
+    assert {"viscous", "stribeck", "dahl"} <= set(bench.switches.kinds)
     with pytest.raises(ConfigError, match="degree has 1 entries for 3 joints"):
         tuned_text(project, bench, replace(bench.start, degree=(1.0,)), project.path)
 

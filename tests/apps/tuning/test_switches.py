@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.apps.tuning.switches import Offers, Switches, kind_of
+from dynident.apps.tuning.switches import Offers, Switches, _basis, kind_of
 from dynident.identification import Recipe, identify
+from dynident.identification.terms.samples import columns_of
 from dynident.models import CoupledMotor, Model, RigidBodies, Term
 from dynident.models.friction import Coulomb, Offset, Stribeck, Viscous
 from dynident.motion.smoothers import Spline
@@ -69,6 +70,11 @@ def test_sizes_are_those_that_explain_what_is_left() -> None:
     assert term.acts_on == ("twist",)
     assert {"viscous", "dahl", "load_coulomb", "spring", "power"} <= kinds.keys()
     assert all(kind_of(one) == kind for kind, some in kinds.items() for one in some)
+    # what the model has already gains nothing, whatever rounding leaves of its columns
+    rows = offers.samples.keep[:, 2]
+    own = columns_of(offers.samples, Viscous(BODIES.joints, on=("twist",)), 2, offers.loads)[:, rows]
+    assert offers._gain(Viscous(BODIES.joints, on=("twist",)), 2, rows, _basis(own)) == 0.0
+    assert offers._gain(term, 2, rows, _basis(own)) > 0.0
 
 
 def test_a_joint_of_which_nothing_is_fitted_has_offers_too() -> None:

@@ -9,6 +9,7 @@ import pinocchio
 import pytest
 
 from dynident.estimators import PhysicallyConsistent
+from dynident.estimators.cone import minimise
 from dynident.identification import Recipe, identify
 from dynident.models import Model, RigidBodies, RotorInertia, consistency_violations
 from dynident.models.friction import Coulomb, Offset, Viscous
@@ -16,6 +17,7 @@ from dynident.models.simulation import record, simulate
 from dynident.motion.smoothers import Spline
 from dynident.project.export import IdentifiedModel, Mjcf, Numpy, Urdf, export, exports, identified_urdf, random_states
 from dynident.project.export.written import place_values
+from dynident.runtime import ConfigError, ModelError
 from tests.project.export.arms import arm
 from tests.robots import ARM_MJCF, joint, link, urdf
 
@@ -43,6 +45,22 @@ def six_axes(rotors=ROTORS, offset=0.0):
     model = Model((bodies, RotorInertia(joints), Viscous(joints), Coulomb(joints), Offset(joints)), name="arm")
     nominal = [parameter.value for parameter in bodies.parameters]
     return IdentifiedModel(model, np.concatenate([nominal, rotors, np.ones(12), np.full(6, offset)]))
+
+
+def test_where_nothing_can_be_left_of_many_less_is_tried(monkeypatch):
+    one, tried = six_axes(), []
+
+    def refusing(*arguments):
+        tried.append(1)
+        if len(tried) < 3:
+            raise (ConfigError if len(tried) == 1 else ModelError)("no")
+        return minimise(*arguments)
+
+    monkeypatch.setattr("dynident.project.export.written.minimise", refusing)
+    moved = place_values(one, armature=False)
+    assert len(tried) > 2
+    state = random_states(6, np.random.default_rng(0))
+    np.testing.assert_allclose(moved.model.torque(*state, moved.value), one.model.torque(*state, one.value), atol=1e-8)
 
 
 def mass_matrix(text, q):

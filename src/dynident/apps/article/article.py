@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.article.study import Statistics, generator, run_study, statistics
 from dynident.estimators import Estimate, Estimator, LeastSquares, Problem
@@ -24,6 +23,7 @@ from dynident.motion.smoothers import Butterworth, Difference, Smoother, Spline
 from dynident.project.parts import build
 from dynident.regression import Regression
 from dynident.runtime import ConfigError, Noun, brief, choices
+from dynident.runtime.arrays import Array
 from dynident.runtime.families import ESTIMATORS, SMOOTHERS
 from dynident.runtime.jobs import Limits, run_jobs
 from dynident.runtime.kernel import kernel
@@ -73,7 +73,6 @@ PUBLISHED: Mapping[tuple[float, str], tuple[Row, Row]] = {
 }
 
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 LEVELS = (1e-8, 1e-6, 1e-4)  # sigma_q^2, rad^2
 SAMPLING_PERIOD, N_SAMPLES = 0.0025, 4001  # Ts and the samples in <0, T>, T = 10 s
@@ -126,27 +125,14 @@ def _cached_bound(scenario: ArmScenario, level: float) -> Array:
     return np.diag(cramer_rao_bound(model, theta, scenario.truth, np.sqrt(level), scenario.sigma_tau, rest=True))
 
 
-SCENARIOS: Mapping[str, ArmScenario] = {
-    scenario.name: scenario
-    for scenario in (
-        ArmScenario(
-            "tabulated",
-            "Amplitudes 1.13 and 0.78 N m and torque noise of standard deviation 1e-2 N m: "
-            "the inputs that give the article's tables (the printed ones do not)",
-            (1.13, 0.78),
-            1e-2,
-        ),
-        ArmScenario(
-            "stated", "Amplitudes 6 and 4 N m and torque noise of variance 1e-2 N^2 m^2, as printed", (6.0, 4.0), 1e-1
-        ),
-        ArmScenario(
-            "weak",
-            "The amplitudes of the tables, 1.13 and 0.78 N m, with the printed torque-noise variance 1e-2 N^2 m^2",
-            (1.13, 0.78),
-            1e-1,
-        ),
-    )
+_WORDS = {
+    "tabulated": "Amplitudes 1.13 and 0.78 N m and torque noise of standard deviation 1e-2 N m: "
+    "the inputs that give the article's tables (the printed ones do not)",
+    "stated": "Amplitudes 6 and 4 N m and torque noise of variance 1e-2 N^2 m^2, as printed",
+    "weak": "The amplitudes of the tables, 1.13 and 0.78 N m, with the printed torque-noise variance 1e-2 N^2 m^2",
 }
+_INPUTS = {"tabulated": ((1.13, 0.78), 1e-2), "stated": ((6.0, 4.0), 1e-1), "weak": ((1.13, 0.78), 1e-1)}
+SCENARIOS: Mapping[str, ArmScenario] = {name: ArmScenario(name, _WORDS[name], *_INPUTS[name]) for name in _INPUTS}
 
 
 @dataclass(frozen=True)
@@ -314,20 +300,12 @@ def reproduce(
                     published_mean=mean, published_variance=variance,
                 )
             )  # fmt: skip
+    expressions = tuple(parameter.expression for parameter in model.parameters)
     return Reproduction(
-        scenario=arm_scenario.name,
-        description=arm_scenario.description,
-        runs=runs,
-        seed=seed,
-        names=model.names,
-        expressions=tuple(parameter.expression for parameter in model.parameters),
-        true=true,
-        seconds=float(table["seconds"].sum()),
-        cases=tuple(cases),
-        traces=_traces(arm_scenario, fit_methods, seed),
-        settings=_study_settings(arm_scenario, fit_methods),
-        bounds=_bounds(arm_scenario, executor),
-    )
+        arm_scenario.name, arm_scenario.description, runs, seed, model.names, expressions, true,
+        float(table["seconds"].sum()), tuple(cases), _traces(arm_scenario, fit_methods, seed),
+        _study_settings(arm_scenario, fit_methods), _bounds(arm_scenario, executor),
+    )  # fmt: skip
 
 
 def _bounds(scenario: ArmScenario, executor: Executor | None) -> dict[float, Array]:
@@ -348,10 +326,8 @@ def _traces(scenario: ArmScenario, methods: Sequence[SmoothAndFit], seed: int) -
     Only methods that estimate by least squares on a smoothed motion are shown.
     """
     recording = scenario.record(LEVELS[1], generator(seed, LEVELS[1], 0))
-    smoothed = {
-        method.name: method.motion(recording) for method in methods if isinstance(method.estimator, LeastSquares)
-    }
-    return {"simulated": recording.truth, **smoothed}
+    shown = (method for method in methods if isinstance(method.estimator, LeastSquares))
+    return {"simulated": recording.truth} | {method.name: method.motion(recording) for method in shown}
 
 
 def _study_settings(scenario: ArmScenario, methods: Sequence[SmoothAndFit]) -> dict[str, str]:

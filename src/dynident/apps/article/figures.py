@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import cycle
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynident.apps.article.article import Reproduction
 from dynident.motion.log import Motion
 from dynident.report import Array, Drawing, method_name, scientific
 from dynident.report.figures import BLUE, GREEN, INK, Trace, curve, method_colours, panels, plain, trace, with_gaps
-
-if TYPE_CHECKING:
-    from dynident.apps.article.article import Reproduction
 
 DRAWN_FIRST = ("raw", "simulated", "spline", "filtered")  # later curves lie above
 TITLES = {"dq": "velocity, rad/s", "ddq": "acceleration, rad/s²"}
@@ -82,22 +79,13 @@ def spread_figure(reproduction: Reproduction) -> Drawing:
 
 def _box(method: str, names: Sequence[str], values: Array, percent: Array, colour: str) -> Trace:
     return trace(
-        "box",
-        x=[plain(name) for name in names for _ in values],
-        y=np.arcsinh(percent).T.ravel().astype(np.float32),
+        "box", x=[plain(name) for name in names for _ in values], y=np.arcsinh(percent).T.ravel().astype(np.float32),
         customdata=np.stack([values.T.ravel(), percent.T.ravel()], axis=1).astype(np.float32),
-        hovertemplate="%{x}: %{customdata[0]:.4g} (%{customdata[1]:+.2f} %)",
-        name=plain(method_name(method)),
-        legendgroup=method,
-        offsetgroup=method,
-        marker={"color": colour, "size": 2.5, "opacity": 0.6},
-        line={"color": colour, "width": 1.2},
-        boxpoints="all",
-        pointpos=0,
-        jitter=0.7,
-        hoveron="points",
+        hovertemplate="%{x}: %{customdata[0]:.4g} (%{customdata[1]:+.2f} %)", name=plain(method_name(method)),
+        legendgroup=method, offsetgroup=method, marker={"color": colour, "size": 2.5, "opacity": 0.6},
+        line={"color": colour, "width": 1.2}, boxpoints="all", pointpos=0, jitter=0.7, hoveron="points",
         meta="ink" if colour == INK else None,
-    )
+    )  # fmt: skip
 
 
 def _common_range(traces: Mapping[str, Motion], joint_index: int, quantity: str) -> list[float] | None:
@@ -132,40 +120,22 @@ def efficiency_figure(reproduction: Reproduction) -> Drawing:
     colours = method_colours(methods)
     cases = {(case.sigma_q2, case.method): case for case in reproduction.cases if len(case.estimates)}
     for row, level in enumerate(levels, start=1):
-        bound_bars = _bound_bars(names, 100 * np.sqrt(reproduction.bounds[level]) / true)
-        figure.add(bound_bars | {"showlegend": row == 1}, row=row)
+        bars = trace(
+            "bar", x=names, y=100 * np.sqrt(reproduction.bounds[level]) / true, name="Cramér-Rao bound",
+            legendgroup="bound", marker={"color": BLUE, "opacity": 0.35},
+            hovertemplate="%{x}: bound %{y:.3g} %<extra></extra>",
+        )  # fmt: skip
+        figure.add(bars | {"showlegend": row == 1}, row=row)
         for method, symbol in zip(methods, cycle(METHOD_SYMBOLS)):
             if case := cases.get((level, method)):
                 error = 100 * np.sqrt(np.mean((case.estimates - reproduction.true) ** 2, axis=0)) / true
-                marks = _error_marks(names, error, method, colours[method], symbol)
+                marks = trace(
+                    "scatter", x=names, y=error, mode="markers", name=plain(method_name(method)), legendgroup=method,
+                    marker={"color": colours[method], "size": 9, "symbol": symbol}, hovertemplate="%{x}: %{y:.3g} %",
+                    meta="ink" if colours[method] == INK else None,
+                )  # fmt: skip
                 figure.add(marks | {"showlegend": row == 1}, row=row)
     figure.axes("y", type="log", dtick=1, exponentformat="power")
     figure.axes("x", type="category", showticklabels=True, showgrid=False)
     figure.layout.update(hovermode="closest")
     return figure
-
-
-def _bound_bars(names: list[str], percent: Array) -> Trace:
-    return trace(
-        "bar",
-        x=names,
-        y=percent,
-        name="Cramér-Rao bound",
-        legendgroup="bound",
-        marker={"color": BLUE, "opacity": 0.35},
-        hovertemplate="%{x}: bound %{y:.3g} %<extra></extra>",
-    )
-
-
-def _error_marks(names: list[str], percent: Array, method: str, colour: str, symbol: str) -> Trace:
-    return trace(
-        "scatter",
-        x=names,
-        y=percent,
-        mode="markers",
-        name=plain(method_name(method)),
-        legendgroup=method,
-        marker={"color": colour, "size": 9, "symbol": symbol},
-        hovertemplate="%{x}: %{y:.3g} %",
-        meta="ink" if colour == INK else None,
-    )

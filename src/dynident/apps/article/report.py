@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynident.apps.article.figures import efficiency_figure, spread_figure, trace_figure
 from dynident.report import Array, method_name, scientific
 from dynident.report.mathml import formula
-from dynident.report.page import Column, Figure, PageBlock, PageSection, PageTable, pair_table, render, typeset
+from dynident.report.page import Column, Figure, Head, PageBlock, PageSection, PageTable, pair_table, render, typeset
 from dynident.report.terminal import terminal_table
 from dynident.runtime import number
 
@@ -69,9 +69,6 @@ def efficiency_table(reproduction: Reproduction) -> Iterator[PageTable]:
     """Yield the table of rms errors over the bound, coverage and convergence: one row per method and noise level."""
     if not reproduction.bounds:
         return
-    columns = [Column("σq²", numeric=False, unit=True), Column("method", numeric=False)]
-    columns += map(Column, reproduction.names)
-    columns += [Column("mean", "covered, %"), Column("least", "covered, %"), Column("not converged")]
     rows = []
     for case in reproduction.cases:
         if not len(case.estimates) or case.sigma_q2 not in reproduction.bounds:
@@ -79,7 +76,9 @@ def efficiency_table(reproduction: Reproduction) -> Iterator[PageTable]:
         cells = [number(float(x), 2) for x in _error_over_bound(case, reproduction)]
         cells += [number(100 * float(x), 3) for x in (np.mean(case.coverage), np.min(case.coverage))]
         rows.append((scientific(case.sigma_q2), method_name(case.method), *cells, str(case.unsettled)))
-    yield PageTable(tuple(columns), tuple(rows), "Rms error of each parameter over the bound, and how intervals hold")
+    heads: list[Head] = [Column("σq²", numeric=False, unit=True), Column("method", numeric=False), *reproduction.names]
+    heads += [("mean", "covered, %"), ("least", "covered, %"), "not converged"]
+    yield PageTable.of((), heads, rows, "Rms error of each parameter over the bound, and how intervals hold")
 
 
 def _error_over_bound(case: StudyCase, reproduction: Reproduction) -> Array:
@@ -99,12 +98,8 @@ def study_page(reproduction: Reproduction) -> str:
     ]
     if reproduction.traces:
         sections.append(PageSection("Velocities and accelerations", tuple(_traces(reproduction))))
-    sections.append(
-        PageSection(
-            "Settings",
-            (pair_table("setting", [(name, typeset(text)) for name, text in reproduction.settings.items()]),),
-        )
-    )
+    settings = [(name, typeset(text)) for name, text in reproduction.settings.items()]
+    sections.append(PageSection("Settings", (pair_table("setting", settings),)))
     return render(f"The article's study, scenario {reproduction.scenario}", reproduction.description, sections)
 
 
@@ -129,23 +124,17 @@ def study_text(reproduction: Reproduction) -> rich.console.Group:
 
 def findings(reproduction: Reproduction) -> list[str]:
     """Return 3 to 6 plain sentences: who is nearest, what is lost or of the wrong sign, article, bound, failures."""
-    lines = [
-        _ranking_sentence(reproduction),
-        _loss_sentence(reproduction),
-        _sign_sentence(reproduction),
-        _agreement_sentence(reproduction),
-    ]
-    return [line for line in (*lines, median_efficiency(reproduction), _failure_sentence(reproduction)) if line]
+    first = (_ranking_sentence, _loss_sentence, _sign_sentence, _agreement_sentence)
+    sentences = (sentence(reproduction) for sentence in (*first, median_efficiency, _failure_sentence))
+    return [sentence for sentence in sentences if sentence]
 
 
 def _ranking_sentence(reproduction: Reproduction) -> str:
     parts = []
     for level in _levels(reproduction):
-        errors = [
-            (_rms(case, reproduction.true), case) for case in _cases_at(reproduction, level) if len(case.estimates)
-        ]
-        errors.sort(key=lambda pair: pair[0])
-        methods = [f"{method_name(case.method)} {number(error, 3)} %" for error, case in errors]
+        cases = [case for case in _cases_at(reproduction, level) if len(case.estimates)]
+        errors = sorted((_rms(case, reproduction.true), k) for k, case in enumerate(cases))
+        methods = [f"{method_name(cases[k].method)} {number(error, 3)} %" for error, k in errors]
         parts.append(f"{scientific(level)}: {', '.join(methods) or 'no run gave an estimate'}")
     rule = (
         "Relative error of a run (rms over the parameters and runs), nearest to the truth first, by sigma_q^2 in rad^2"
@@ -214,16 +203,15 @@ def _failure_sentence(reproduction: Reproduction) -> str:
 def _accuracy(reproduction: Reproduction) -> PageTable:
     """Return the table of bias and spread by method and noise level."""
     levels = _levels(reproduction)
-    columns = [Column("method", numeric=False)]
-    columns += [Column(title, f"σq² = {scientific(level)}") for level in levels for title in ("rms", "worst bias")]
+    heads = [(title, f"σq² = {scientific(level)}") for level in levels for title in ("rms", "worst bias")]
     rows = []
     for method in dict.fromkeys(case.method for case in reproduction.cases):
         row = [method_name(method)]
         for level in levels:
             case = next((case for case in _cases_at(reproduction, level) if case.method == method), None)
             row += _accuracy_cells(case, reproduction) if case is not None and len(case.estimates) else ["-", "-"]
-        rows.append(tuple(row))
-    return PageTable(tuple(columns), tuple(rows), "Relative error in percent of the true value")
+        rows.append(row)
+    return PageTable.of(("method",), heads, rows, "Relative error in percent of the true value")
 
 
 def _accuracy_cells(case: StudyCase, reproduction: Reproduction) -> list[str]:
@@ -245,7 +233,6 @@ def _spread(reproduction: Reproduction) -> Iterator[PageBlock]:
 def _method(reproduction: Reproduction) -> tuple[PageBlock, ...]:
     methods = [method_name(method) for method in dict.fromkeys(case.method for case in reproduction.cases)]
     levels = ", ".join(f"{scientific(level)}" for level in _levels(reproduction))
-    columns = (Column("parameter", numeric=False), Column("meaning", numeric=False), Column("true value"))
     rows = zip(reproduction.names, map(formula, reproduction.expressions), map(number, reproduction.true), strict=True)
     setup = (
         "The article's two-link arm was simulated under open-loop torques. White noise was added to the joint "
@@ -258,7 +245,7 @@ def _method(reproduction: Reproduction) -> tuple[PageBlock, ...]:
         f"variances σq² of {levels} rad², with these methods: {', '.join(methods)}. It took "
         f"{number(reproduction.seconds, 3)} s."
     )
-    return setup, runs, PageTable(columns, tuple(rows), "Parameters (equation 40)")
+    return setup, runs, PageTable.of(("parameter", "meaning"), ("true value",), rows, "Parameters (equation 40)")
 
 
 def _moment_tables(reproduction: Reproduction) -> Iterator[PageTable]:

@@ -24,6 +24,7 @@ from dynident.models.simulation import Recording
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import one_thread
 from dynident.runtime import InputError
+from dynident.runtime.arrays import Array
 from dynident.runtime.jobs import FAILURES, JobResult, Limits, Status, run_jobs
 from dynident.runtime.jobs.cluster import code_version
 
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 
 KEY = ("scenario", "method", "level", "run", "seed", "version")
 NOTHING: dict[str, list[float]] = {"value": [], "std": [], "interval": []}  # of a fit that failed
-Array = NDArray[np.float64]
 
 
 class FitOutcome(StrEnum):

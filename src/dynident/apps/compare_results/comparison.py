@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr
 
 from dynident.runtime import Noun, Use, brief
+from dynident.runtime.arrays import Array
 from dynident.validation import TorqueErrors
 
-Array = NDArray[np.float64]
 MAX_UNSPANNED_SHARE = 1e-4  # of a combination of parameters, in scaled units, that another's may leave of it
 MIN_RELATIVE_DIFFERENCE = 1e-11  # of the sizes of all that is summed: a smaller difference is none
 NEGLIGIBLE_SHARE = 1e-12  # a direction with less of the largest variance has no error of its own

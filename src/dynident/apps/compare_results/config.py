@@ -25,15 +25,13 @@ MAX_PARAMETER = 1e100  # of parameters: squares of larger ones are infinite, and
 
 def compared_names(paths: tuple[Path, ...]) -> tuple[str, ...]:
     """Return distinct short names of results: the folder or file name, with as much of the path as is needed."""
-    parts = [
-        path.parent.parts if path.name == "result.json" else path.with_suffix("").parts
-        for path in map(real_path, paths)
-    ]
+    names = [path.parent if path.name == "result.json" else path.with_suffix("") for path in map(real_path, paths)]
+    parts = [name.parts for name in names]
     # the shortest ends of the paths that tell all results apart
     for depth in range(1, max(map(len, parts), default=1) + 1):
-        names = tuple("/".join(path[-depth:]) for path in parts)
-        if len(set(names)) == len(names):
-            return names
+        short = tuple("/".join(path[-depth:]) for path in parts)
+        if len(set(short)) == len(short):
+            return short
     return tuple(map(str, paths))
 
 
@@ -129,14 +127,11 @@ def _export_records(report: dict[str, Any], path: Path) -> list[ExportRecord]:
         name, digest, agreement = (entry.get(key) for key in ("file", "sha256", "agreement"))
         # a damaged report may name any path: only files beside the result count
         if isinstance(name, str) and isinstance(digest, str) and Path(name).name == name:
-            number = as_number(agreement)
-            shown_agreement = None if np.isnan(number) else number
-            is_unchanged = _is_unchanged(path.with_name(name), digest)
-            records.append(
-                ExportRecord(
-                    name, str(entry.get("format")), digest, entry.get("proven") is True, shown_agreement, is_unchanged
-                )
-            )
+            agreement = as_number(agreement)
+            known = None if np.isnan(agreement) else agreement
+            there = _is_unchanged(path.with_name(name), digest)
+            proven = entry.get("proven") is True
+            records.append(ExportRecord(name, str(entry.get("format")), digest, proven, known, there))
     return records
 
 

@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from dynident.apps.compare_results.comparison import BaseDifference, ComparedResult, LogDifference, ResultComparison
 from dynident.report import Drawing
 from dynident.report.figures import BLUE, GRID, RED, Trace, panels, plain, trace
-from dynident.report.page import Badge, Column, Figure, Fold, PageBlock, PageSection, PageTable, render
+from dynident.report.page import Badge, Column, Figure, Fold, Head, PageBlock, PageSection, PageTable, render
 from dynident.report.words import ROLES
 from dynident.runtime import Use, count, join_names, number, percent
-
-if TYPE_CHECKING:
-    from dynident.apps.compare_results.comparison import BaseDifference, ComparedResult, LogDifference, ResultComparison
 
 MAX_SHOWN_DIFFERENCE = 20.0  # standard errors beyond which a mark stands at the edge
 MAX_TERMINAL_ROWS = 12  # base parameters in a terminal
@@ -54,11 +52,8 @@ def difference_figure(diff: ResultComparison) -> Drawing:
     figure.axes("y", title="difference, standard errors", range=[-1.15 * reach, 1.15 * reach], zeroline=True)
     figure.axes("x", title="base parameter, in the order of the reference", range=[-1, len(rows)])
     band = {"type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": -1.96, "y1": 1.96}
-    figure.layout.update(
-        hovermode="closest",
-        showlegend=True,
-        shapes=[{**band, "fillcolor": GRID, "line": {"width": 0}, "layer": "below"}],
-    )
+    band |= {"fillcolor": GRID, "line": {"width": 0}, "layer": "below"}
+    figure.layout.update(hovermode="closest", showlegend=True, shapes=[band])
     return figure
 
 
@@ -68,16 +63,11 @@ def _difference_marks(name: str, colour: str, symbol: str, indices: list[int], r
         f"{plain(row.unit)}; {row.z:+.2g} standard errors"
         for row in (rows[k] for k in indices)
     ]
+    z = np.clip([rows[k].z for k in indices], -MAX_SHOWN_DIFFERENCE, MAX_SHOWN_DIFFERENCE)
     return trace(
-        "scatter",
-        x=indices,
-        y=np.clip([rows[k].z for k in indices], -MAX_SHOWN_DIFFERENCE, MAX_SHOWN_DIFFERENCE),
-        mode="markers",
-        name=name,
-        marker={"color": colour, "size": 9, "symbol": symbol},
-        text=text,
-        hovertemplate="%{text}<extra></extra>",
-    )
+        "scatter", x=indices, y=z, mode="markers", name=name, marker={"color": colour, "size": 9, "symbol": symbol},
+        text=text, hovertemplate="%{text}<extra></extra>",
+    )  # fmt: skip
 
 
 def headline(diff: ResultComparison) -> str:
@@ -178,19 +168,16 @@ def _export_lines(diff: ResultComparison) -> Iterator[str]:
 
 def overview_table(results: Sequence[ComparedResult]) -> PageTable:
     """Return one row per result: verdict, largest errors, number of base parameters and of proven files."""
-    rows = tuple(
+    rows = [
         (
-            result.name,
-            "-" if result.use is None else result.use.value,
-            _largest_error(result, "validation"),
-            _largest_error(result, "train"),
-            str(len(result.base_names)),
+            result.name, "-" if result.use is None else result.use.value, _largest_error(result, "validation"),
+            _largest_error(result, "train"), str(len(result.base_names)),
             str(sum(file.proven for file in result.exports)),
         )
         for result in results
-    )
-    numbers = map(Column, ("held out, %", "training, %", "base parameters", "files verified"))
-    return PageTable((Column("result", numeric=False), Column("verdict", numeric=False), *numbers), rows)
+    ]  # fmt: skip
+    numbers = ("held out, %", "training, %", "base parameters", "files verified")
+    return PageTable.of(("result", "verdict"), numbers, rows)
 
 
 def _largest_error(result: ComparedResult, role: str) -> str:
@@ -209,23 +196,18 @@ def comparison_tables(diff: ResultComparison) -> Iterator[PageTable]:
 
 def _base_table(diff: ResultComparison, short: bool) -> PageTable:
     row_count = max(len(diff.significant), MAX_TERMINAL_ROWS) if short else len(diff.base)
-    rows = tuple(
+    rows = [
         (
             row.name, _value_text(row.first, row.first_std), number(row.first_std, 2),
             _value_text(row.second, row.second_std), number(row.second_std, 2),
             row.unit, f"{row.z:+.2f}" if abs(row.z) < 1e3 else f"{row.z:+.1e}", _p_value_text(row.p_value),
         )
         for row in diff.base[:row_count]
-    )  # fmt: skip
-    columns = (
-        Column("base parameter", numeric=False),
-        *(Column(title, name) for name in (diff.first.name, diff.second.name) for title in ("value", "std")),
-        Column("unit", numeric=False),
-        Column("difference, std"),
-        Column("p"),
-    )
+    ]  # fmt: skip
+    values = ((title, name) for name in (diff.first.name, diff.second.name) for title in ("value", "std"))
+    heads: tuple[Head, ...] = (*values, Column("unit", numeric=False), "difference, std", "p")
     suffix = f"; {len(diff.base) - row_count} more differ less" if row_count < len(diff.base) else ""
-    return PageTable(columns, rows, f"Base parameters, those that differ most first{suffix}")
+    return PageTable.of(("base parameter",), heads, rows, f"Base parameters, those that differ most first{suffix}")
 
 
 def _value_text(value: float, std: float) -> str:
@@ -252,16 +234,8 @@ def _error_table(diff: ResultComparison) -> PageTable:
         rows.append((log.name, role, "all", *_error_cells(log, None), recording))
         joints = [joint for joint in log.first.per_joint if joint in log.second.per_joint]
         rows += [(log.name, role, joint, *_error_cells(log, joint), "") for joint in joints]
-    columns = (
-        Column("log", numeric=False),
-        Column("role", numeric=False),
-        Column("joint", numeric=False),
-        Column(f"{diff.first.name}, %"),
-        Column(f"{diff.second.name}, %"),
-        Column("change, %"),
-        Column("recording", numeric=False),
-    )
-    return PageTable(columns, tuple(rows), "Torque errors on logs of the same name and role")
+    heads = (f"{diff.first.name}, %", f"{diff.second.name}, %", "change, %", Column("recording", numeric=False))
+    return PageTable.of(("log", "role", "joint"), heads, rows, "Torque errors on logs of the same name and role")
 
 
 def _error_cells(log: LogDifference, joint: str | None) -> tuple[str, str, str]:
@@ -286,9 +260,9 @@ def _export_table(diff: ResultComparison) -> PageTable:
         identical = "yes" if len(hashes) == 1 and None not in pair else "no"
         rows.append((file, *cells[0], *cells[1], identical))
     names = (diff.first.name, diff.second.name)
-    columns = [Column(title, name, numeric=False) for name in names for title in ("verified", "SHA-256")]
+    heads = [Column(title, name, numeric=False) for name in names for title in ("verified", "SHA-256")]
     caption = "Files of the model, verified by reloading, and the beginning of their hash"
-    return PageTable((Column("file", numeric=False), *columns, Column("same", numeric=False)), tuple(rows), caption)
+    return PageTable.of(("file",), (*heads, Column("same", numeric=False)), rows, caption)
 
 
 def comparison_page(comparisons: Sequence[ResultComparison]) -> str:
@@ -315,30 +289,19 @@ def _section(diff: ResultComparison) -> PageSection:
 
 def comparison_dict(comparisons: Sequence[ResultComparison]) -> dict[str, Any]:
     """Return comparisons as plain values, for JSON."""
-    return {
-        "format": "dynident comparison",
-        "version": 1,
-        "reference": comparisons[0].first.name,
-        "comparisons": [_comparison_as_dict(diff) for diff in comparisons],
-    }
+    plain_values = [_comparison_as_dict(diff) for diff in comparisons]
+    reference = comparisons[0].first.name
+    return {"format": "dynident comparison", "version": 1, "reference": reference, "comparisons": plain_values}
 
 
 def _comparison_as_dict(diff: ResultComparison) -> dict[str, Any]:
     return {
-        "result": diff.second.name,
-        "word": _outcome_word(diff),
-        "sentences": list(comparison_lines(diff)),
-        "differs": diff.differs,
-        "worse": diff.worse,
-        "level": diff.level,
-        "tolerance": diff.tolerance,
+        "result": diff.second.name, "word": _outcome_word(diff), "sentences": list(comparison_lines(diff)),
+        "differs": diff.differs, "worse": diff.worse, "level": diff.level, "tolerance": diff.tolerance,
         "parameters": {
-            "chi_squared": diff.chi_squared,
-            "freedom": diff.freedom,
-            "p_value": diff.p_value,
+            "chi_squared": diff.chi_squared, "freedom": diff.freedom, "p_value": diff.p_value,
             "compared": [asdict(row) | {"significant": row in diff.significant} for row in diff.base],
-            "not_compared": list(diff.alone),
-            "shared_recordings": list(diff.shared_training),
+            "not_compared": list(diff.alone), "shared_recordings": list(diff.shared_training),
         },
         "torque_errors": [
             {

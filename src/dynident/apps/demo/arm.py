@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from dynident.models import Model, RigidBodies, RotorInertia, from_physical, to_physical
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 FACETS_AROUND, FACETS_ALONG = 16, 4  # facets around a capsule, and from its end to its cylinder
 Vector = tuple[float, float, float]
 TILT = (0.021, -0.015)  # rad about the x and y axes of the base: 1.5 deg

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from dynident.apps.demo.arm import (
     BASE,
@@ -33,9 +32,9 @@ from dynident.models import Model
 from dynident.models.simulation import CascadePD
 from dynident.motion.log import Motion
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 from dynident.validation import free_run
 
-Array = NDArray[np.float64]
 SEED = 12
 LOG_EVERY = 4  # of the samples of the drives, every fourth is logged
 ENCODER_STEP = 2 * np.pi / 2**21  # rad

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.files.results import write_text
 from dynident.runtime import ModelError, install_command
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 SERVO_JOINTS = ("base", "shoulder", "elbow")
 AXES = ("0 0 1", "0 1 0", "0 1 0")
 TRUE_VALUES = {  # by quantity, of each joint; SI

@@ -7,16 +7,16 @@ fast, which shows armature and delay. PACE (arXiv:2509.06342) commands such chir
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from io import StringIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.excitation.limits import Feasibility, MotionLimits
 from dynident.apps.excitation.robot import ExcitationProject
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 DEFAULT_RATE, DEFAULT_SPEED = 100.0, 1.5  # Hz; rad/s or m/s, where a file has no limit
 MAX_AMPLITUDE = {"revolute": 0.25, "prismatic": 0.03}  # rad, m
 LOWEST, HIGHEST = 0.1, 4.0  # Hz
@@ -95,7 +95,13 @@ def _largest_share(swing: Array, limits: MotionLimits) -> Array:
 
 def command_csv(chirp: Chirp) -> str:
     """Return commands as CSV with the columns time (s) and by joint cmd_JOINT."""
+    names = ["time", *(f"cmd_{joint}" for joint in chirp.joints)]
+    return csv_text(names, np.column_stack([chirp.t, chirp.q]), digits=9)
+
+
+def csv_text(names: Sequence[str], values: Array, digits: int) -> str:
+    """Return values (N, k) in so many digits as CSV, with the names of the columns."""
     text = StringIO()
-    csv.writer(text, lineterminator="\n").writerow(["time", *(f"cmd_{joint}" for joint in chirp.joints)])
-    np.savetxt(text, np.column_stack([chirp.t, chirp.q]), fmt="%.9g", delimiter=",")
+    csv.writer(text, lineterminator="\n").writerow(names)
+    np.savetxt(text, values, fmt=f"%.{digits}g", delimiter=",")
     return text.getvalue()

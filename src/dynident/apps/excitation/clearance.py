@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property, singledispatch
+from functools import cached_property, partial
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.models import Box, Capsule, Cylinder, Distances, Floor, Obstacle, Placements, RigidBodies
+from dynident.models import Box, Capsule, Distances, Floor, Obstacle, Placements, RigidBodies
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 SignedDistance = Callable[[Array], tuple[Array, Array]]
 SQUARED_PREFERENCE = 1e-4  # m^2: preference between segments; where they are 0.1 m apart, it costs at most 0.25 mm
 LINEAR_PREFERENCE = 2e-3  # m: preference beside a body; it costs at most a quarter
@@ -98,55 +98,24 @@ def _dot(a: Array, b: Array) -> Array:
     return np.asarray(np.einsum("...i,...i->...", a, b))
 
 
-def obstacle_name(obstacle: Floor | Box | Cylinder) -> str:
-    """Return the name of an obstacle."""
-    return "floor" if isinstance(obstacle, Floor) else obstacle.name
-
-
-@singledispatch
-def signed_distance(obstacle: object) -> SignedDistance:
-    """Return the function from points (..., 3) to their signed distance (...) from an obstacle, negative inside.
-
-    The function also returns the derivative (..., 3): a unit vector away from the obstacle.
-    """
-    raise TypeError(f"{type(obstacle).__name__} is no obstacle.")
-
-
-@signed_distance.register
-def _(floor: Floor) -> SignedDistance:
-    def above(point: Array) -> tuple[Array, Array]:
-        normal = np.zeros_like(point)
-        normal[..., 2] = 1.0
-        return point[..., 2] - floor.height, normal
-
-    return above
-
-
-@signed_distance.register
-def _(box: Box) -> SignedDistance:
-    centre, half, axes = np.array(box.centre), np.array(box.size) / 2, np.array(box.axes)
-
-    def outside(point: Array) -> tuple[Array, Array]:
-        away = (point - centre) @ axes.T
-        distance, normal = _corner_distance(np.abs(away) - half)
+def signed_distance(obstacle: Obstacle, point: Array) -> tuple[Array, Array]:
+    """Return the signed distance (...) of points (..., 3) from an obstacle, negative inside, and its derivative
+    (..., 3): a unit vector away from the obstacle."""
+    if isinstance(obstacle, Floor):
+        return point[..., 2] - obstacle.height, np.broadcast_to([0.0, 0.0, 1.0], point.shape)
+    if isinstance(obstacle, Box):
+        axes = np.array(obstacle.axes)
+        away = (point - np.array(obstacle.centre)) @ axes.T
+        distance, normal = _corner_distance(np.abs(away) - np.array(obstacle.size) / 2)
         return distance, (normal * np.where(away < 0, -1.0, 1.0)) @ axes
-
-    return outside
-
-
-@signed_distance.register
-def _(cylinder: Cylinder) -> SignedDistance:
-    def outside(point: Array) -> tuple[Array, Array]:
-        x, y = point[..., 0] - cylinder.centre[0], point[..., 1] - cylinder.centre[1]
-        radius = np.hypot(x, y)
-        over, under = point[..., 2] - cylinder.top, cylinder.bottom - point[..., 2]
-        # a cylinder is a corner in the plane of radius and height
-        distance, normal = _corner_distance(np.stack((radius - cylinder.radius, np.maximum(over, under)), axis=-1))
-        radius = np.maximum(radius, MIN_DISTANCE)
-        radial, up = normal[..., 0] / radius, normal[..., 1] * np.where(over < under, -1.0, 1.0)
-        return distance, np.stack((radial * x, radial * y, up), axis=-1)
-
-    return outside
+    x, y = point[..., 0] - obstacle.centre[0], point[..., 1] - obstacle.centre[1]
+    radius = np.hypot(x, y)
+    over, under = point[..., 2] - obstacle.top, obstacle.bottom - point[..., 2]
+    # a cylinder is a corner in the plane of radius and height
+    distance, normal = _corner_distance(np.stack((radius - obstacle.radius, np.maximum(over, under)), axis=-1))
+    radius = np.maximum(radius, MIN_DISTANCE)
+    radial, up = normal[..., 0] / radius, normal[..., 1] * np.where(over < under, -1.0, 1.0)
+    return distance, np.stack((radial * x, radial * y, up), axis=-1)
 
 
 def _corner_distance(excess: Array) -> tuple[Array, Array]:
@@ -287,14 +256,14 @@ class CapsuleSpace(Noun):
         for index, obstacle in enumerate(self.obstacles):
             capsules = self.encounters[self.encounters[:, 1] == index, 0]
             distance, point, direction = body_distance(
-                starts[:, capsules], along[:, capsules], signed_distance(obstacle)
+                starts[:, capsules], along[:, capsules], partial(signed_distance, obstacle)
             )
             rows.append((distance - self._capsule_radii[capsules], point, direction))
         distances, points, direction = (np.concatenate(parts, axis=1) for parts in zip(*rows, strict=True))
         return distances, points, direction
 
     def _pair_names(self, meetings: Integers, encounters: Integers) -> tuple[tuple[str, str], ...]:
-        links, names = [capsule.link for capsule in self.capsules], list(map(obstacle_name, self.obstacles))
+        links, names = [capsule.link for capsule in self.capsules], [obstacle.name for obstacle in self.obstacles]
         link_pairs = [(links[first], links[second]) for first, second in meetings]
         return (*link_pairs, *((links[capsule], names[obstacle]) for capsule, obstacle in encounters))
 

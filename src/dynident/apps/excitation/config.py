@@ -5,19 +5,13 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import (
-    BeforeValidator,
-    Field,
-    StrictBool,
-    ValidationInfo,
-    model_validator,
-)
+from pydantic import BeforeValidator, Field, StrictBool, ValidationInfo, model_validator
 
 from dynident.apps.excitation.limits import MotionLimits
 from dynident.apps.excitation.motion import MotionRequest
@@ -32,12 +26,11 @@ from dynident.project.fields import (
     PositiveOrEach,
     Section,
     bounded_reader,
-    read_settings,
     whole_number_reader,
 )
 from dynident.runtime import ConfigError, Noun, as_number, choices
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 NOISE_SHARE = 0.01  # of a joint's torque limit: noise where nothing is known of it
 DEFAULT_NOISE = 1.0  # N m or N, where there is no limit either
 RANK_TOLERANCE = 1e-12  # of a covariance with ones on its diagonal
@@ -170,12 +163,6 @@ def settings_in(data: Any, source: str, *, alone: bool) -> Mapping[str, Any]:
     return section or {}
 
 
-def excitation_settings(data: Mapping[str, Any], source: str, folder: str | Path = ".") -> ExcitationSettings:
-    """Return settings, checked; file names are relative to ``folder``. ConfigError, led by ``source``, where one is
-    wrong."""
-    return read_settings(ExcitationSettings, dict(data), source, folder=folder)
-
-
 class NoiseOrigin(StrEnum):
     """Where the noise of the torques is from: given, the residual of a result, that of a fit to logs, or a rule."""
 
@@ -211,14 +198,12 @@ def nominal_knowledge(model: Model, loss_reason: str = "") -> PriorKnowledge:
 
 def knowledge_of_result(identification: Identification) -> PriorKnowledge:
     """Return what a result knows, with the information in the covariance of its base parameters."""
-    basis, covariance = identification.base.on_data, identification.errors.base_covariance
-    p = len(identification.model.parameters)
-    B = np.eye(p) if basis is None else basis.combination
+    model, covariance = identification.model, identification.errors.base_covariance
+    prior = PriorKnowledge(model, identification.estimate.value, identification, NoiseOrigin.RESULT)
     if covariance is None:
-        lost = "it has no covariance of base parameters; identify again"
-        return PriorKnowledge(
-            identification.model, identification.estimate.value, identification, NoiseOrigin.RESULT, loss_reason=lost
-        )
+        return replace(prior, loss_reason="it has no covariance of base parameters; identify again")
+    basis = identification.base.on_data
+    B = np.eye(len(model.parameters)) if basis is None else basis.combination
     # scaled to a unit diagonal, so that the tolerance of the pseudo-inverse does not depend on units
     has_variance = np.diag(covariance) > 0
     std = np.sqrt(np.diag(covariance)[has_variance])
@@ -226,9 +211,7 @@ def knowledge_of_result(identification: Identification) -> PriorKnowledge:
         covariance[np.ix_(has_variance, has_variance)] / np.outer(std, std), rcond=RANK_TOLERANCE, hermitian=True
     )
     rows = B[has_variance] / std[:, None]
-    return PriorKnowledge(
-        identification.model, identification.estimate.value, identification, NoiseOrigin.RESULT, rows.T @ inverse @ rows
-    )
+    return replace(prior, information=rows.T @ inverse @ rows)
 
 
 def torque_noise(
@@ -252,18 +235,14 @@ def torque_noise(
     if prior.identification is not None:
         residual = _residual_noise(prior.identification, joints, rate)
         origin, sigma = prior.origin, np.where(residual > 0, residual, rule)
-    return origin if override is None else NoiseOrigin.GIVEN, _override_noise(sigma, override, joints)
-
-
-def _override_noise(sigma: Array, override: Mapping[str, float] | float | None, joints: tuple[str, ...]) -> Array:
-    """Return noise (n) with the override, for all joints or by joint, in its place."""
-    by_joint = (
-        override if isinstance(override, Mapping) else {} if override is None else dict.fromkeys(joints, override)
-    )
+    if override is None:
+        return origin, sigma
+    by_joint = override if isinstance(override, Mapping) else dict.fromkeys(joints, override)
     for name in by_joint:
         if name not in joints:
             raise ConfigError(f"excitation.noise: there is no joint {name!r}; {choices(name, joints)}")
-    return np.array([by_joint.get(name, std) for name, std in zip(joints, sigma.tolist(), strict=True)])
+    noise = [by_joint.get(name, std) for name, std in zip(joints, sigma.tolist(), strict=True)]
+    return NoiseOrigin.GIVEN, np.array(noise)
 
 
 def _residual_noise(identification: Identification, joints: tuple[str, ...], rate: float) -> Array:

@@ -12,20 +12,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky
 from scipy.special import logsumexp, softmax
 
+from dynident.models import Model
 from dynident.regression import BaseParameters
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-if TYPE_CHECKING:
-    from dynident.models import Model
-
-Array = NDArray[np.float64]
 INFORMATION_FLOOR = 1e-12  # of the information of random states: so much counts as known of each parameter
 SCALE_SAMPLES = 300  # of these states
 NORM_ORDER = 16.0  # order of the norms in place of the largest and the smallest eigenvalue

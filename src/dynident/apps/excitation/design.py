@@ -7,7 +7,6 @@ from concurrent.futures import Executor
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.excitation.criterion import base_information
 from dynident.apps.excitation.limits import Feasibility, MotionLimits, min_fit_speeds
@@ -34,8 +33,8 @@ from dynident.regression import (
     structural_base_parameters,
 )
 from dynident.runtime import ConfigError, Note, Noun, Severity, report_progress
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 FRICTION_SHARE, GRAVITY_SHARE = 0.4, 0.2  # shares of the duration of ``Program.ALL``; the motion has the rest
 SPEED_COUNTS = (5, 4, 3, 2)  # of each joint: fewer where there is no time for more
 BLOCK_SAMPLES = 2000  # samples at once

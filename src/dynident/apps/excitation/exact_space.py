@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps.excitation.clearance import CapsuleSpace, candidate_pairs, obstacle_name
+from dynident.apps.excitation.clearance import CapsuleSpace, candidate_pairs
 from dynident.models import Box, Capsule, Floor, Geometry, Mesh, Obstacle, RigidBodies, ShapeSource
 from dynident.models.capsules import body_capsules, fixed_boxes
 from dynident.models.geometry import Solid
 from dynident.models.robot_files import ShapeKind
 from dynident.runtime import ConfigError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 SAMPLE_POSES = 600
 # m: what is kept free, and more than that by which links are near each other
@@ -98,7 +98,7 @@ def _refuse_within(space: CapsuleSpace, largest_distances: Array, watched: NDArr
                 else "is nearer than the clearance"
             )
             raise ConfigError(
-                f"{obstacle_name(obstacle)!r}: in every pose {capsule.link!r} {relation}, so that no motion keeps "
+                f"{obstacle.name!r}: in every pose {capsule.link!r} {relation}, so that no motion keeps "
                 "clear of it. Correct its place and size, in m along the axes of the root link, or leave it out."
             )
 
@@ -132,7 +132,14 @@ def sample_robot_poses(
     bodies: RigidBodies, lower: Array | None, upper: Array | None, count: int = SAMPLE_POSES
 ) -> Array:
     """Return ``count`` poses spread evenly between ``lower`` and ``upper`` (n), those of the file where None."""
-    return sample_poses(*_joint_ranges(bodies, lower, upper), count)
+    limits = [bodies.limits[joint.name] for joint in bodies.joints]
+    low = np.array([limit.lower for limit in limits] if lower is None else lower, dtype=float)
+    high = np.array([limit.upper for limit in limits] if upper is None else upper, dtype=float)
+    low, high = (
+        np.where(np.isfinite(low), low, -DEFAULT_HALF_RANGE),
+        np.where(np.isfinite(high), high, DEFAULT_HALF_RANGE),
+    )
+    return sample_poses(low, high, count)
 
 
 def sample_poses(lower: Array, upper: Array, count: int) -> Array:
@@ -147,14 +154,6 @@ def sample_poses(lower: Array, upper: Array, count: int) -> Array:
     steps = root ** -np.arange(1.0, n + 1)
     share = (0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0
     return np.asarray(lower + share * (upper - lower))
-
-
-def _joint_ranges(bodies: RigidBodies, lower: Array | None, upper: Array | None) -> tuple[Array, Array]:
-    """Return the ends (n) of the joints' ranges, as given or of the file; -pi to pi for a joint without."""
-    limits = [bodies.limits[joint.name] for joint in bodies.joints]
-    low = np.array([limit.lower for limit in limits], dtype=float) if lower is None else np.asarray(lower, dtype=float)
-    high = np.array([limit.upper for limit in limits], dtype=float) if upper is None else np.asarray(upper, dtype=float)
-    return np.where(np.isfinite(low), low, -DEFAULT_HALF_RANGE), np.where(np.isfinite(high), high, DEFAULT_HALF_RANGE)
 
 
 def _index_pairs(pairs: Sequence[tuple[int, int]]) -> Integers:
@@ -180,7 +179,7 @@ class ExactSpace(Noun):
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """Names of the P pairs: two links, or a link and an obstacle."""
-        names = [*(element.link for element in self.solids), *map(obstacle_name, self.obstacles)]
+        names = [*(element.link for element in self.solids), *(obstacle.name for obstacle in self.obstacles)]
         return tuple((names[element], names[partner]) for element, partner in self.watched)
 
     def distances(self, q: Array, /) -> Array:
@@ -215,7 +214,7 @@ def exact_space(
     solids = (*geometry.solids, *(element.solid for element in default_capsules))
     own_boxes = fixed_boxes(geometry)
     obstacles = tuple(element for element in space.obstacles if element not in own_boxes)
-    parts = [*(element.body for element in solids), *map(obstacle_name, obstacles)]
+    parts = [*(element.body for element in solids), *(obstacle.name for obstacle in obstacles)]
     link_pairs = candidate_pairs(geometry.bodies, [element.body for element in solids])
     moving_solids = [index for index, element in enumerate(solids) if element.body >= 0]
     contact = [(element, len(solids) + partner) for partner in range(len(obstacles)) for element in moving_solids]
@@ -238,7 +237,7 @@ def exact_space(
 def _unwatched_pairs(space: CapsuleSpace, own_boxes: Sequence[Box]) -> set[frozenset[int | str]]:
     """Return the pairs of bodies, or of a body and the name of an obstacle, whose capsules are not watched."""
     capsule_bodies = [element.body for element in space.capsules]
-    obstacle_names = [-1 if element in own_boxes else obstacle_name(element) for element in space.obstacles]
+    obstacle_names = [-1 if element in own_boxes else element.name for element in space.obstacles]
     meetings, encounters = space.unwatched
     body_pairs = (frozenset[int | str]((capsule_bodies[a], capsule_bodies[b])) for a, b in meetings)
     return {*body_pairs, *(frozenset[int | str]((capsule_bodies[a], obstacle_names[b])) for a, b in encounters)}
@@ -260,9 +259,10 @@ class _CollisionScene:
             shape = _coal_shape(solid)
             # distances of convex hulls are fast; triangles are kept for meshes that are not convex
             if solid.mesh is not None and (hull_share := _hull_fill_share(solid.mesh)):
-                triangles, shape = shape, _convex_hull(shape)
+                shape.buildConvexHull(True, "Qt")
                 if hull_share < MIN_CONVEX_SHARE:
-                    self._meshes[k] = triangles
+                    self._meshes[k] = shape
+                shape = shape.convex
             self._add(shape, solid.body + 1, solid.frame)
         for obstacle in obstacles:
             shape, frame = _obstacle_shape(obstacle)
@@ -340,11 +340,6 @@ def _triangle_mesh(mesh: Mesh) -> Any:
     out.addTriangles(mesh.triangles.astype(np.int64))
     out.endModel()
     return out
-
-
-def _convex_hull(triangles: Any) -> Any:
-    triangles.buildConvexHull(True, "Qt")
-    return triangles.convex
 
 
 def _hull_fill_share(mesh: Mesh) -> float:

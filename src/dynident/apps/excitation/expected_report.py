@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps.excitation.clearance import CapsuleSpace, obstacle_name
+from dynident.apps.excitation.clearance import CapsuleSpace
 from dynident.apps.excitation.config import NoiseOrigin
-from dynident.apps.excitation.design import ExpectedAccuracy, expected_accuracy
+from dynident.apps.excitation.design import Design, ExpectedAccuracy, expected_accuracy
 from dynident.apps.excitation.limits import LIMITS_FILE, usual_arm
 from dynident.apps.excitation.motion import Program
+from dynident.apps.excitation.robot import ExcitationProject
 from dynident.checks import check_robot
 from dynident.checks.file_notes import FarCentre, ImpossibleInertia, NoMass
 from dynident.models import Floor, RigidBodies, ShapeSource
 from dynident.regression import UnexcitedParameters
 from dynident.report import Array, Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, PALE, RED, Trace, curve, mark_rows, panels, plain, trace
-from dynident.report.page import Column, Figure, Fold, PageBlock, PageSection, PageTable, formula_blocks, short_formula
+from dynident.report.page import Figure, Fold, PageBlock, PageSection, PageTable, formula_blocks, short_formula
 from dynident.runtime import Noun, count, install_command, join_names, number
-
-if TYPE_CHECKING:
-    from dynident.apps.excitation.design import Design
-    from dynident.apps.excitation.robot import ExcitationProject
 
 MAX_JOINTS, MAX_FILES = 8, 3  # joints, and files, in a sentence
 DOUBTFUL_LINKS = (ImpossibleInertia, NoMass, FarCentre)
@@ -103,7 +99,7 @@ def shape_words(project: ExcitationProject) -> Iterator[str]:
             f"The shapes of {join_names(unknown, MAX_JOINTS)} are not known{files}: distances are from the lines "
             f"between their joints, with a thickness by rule. Look whether they are as thick{hint}."
         )
-    standing = {obstacle_name(obstacle) for obstacle in project.obstacles}
+    standing = {obstacle.name for obstacle in project.obstacles}
     unwatched = project.space.left_out if isinstance(project.space, CapsuleSpace) else ()
     for link, neighbour in unwatched:
         if neighbour in standing:
@@ -171,7 +167,7 @@ def design_figure(t: Array, quantities: Sequence[LimitedQuantity], points: int =
         figure.add(curve(t, quantity.values, quantity.title.partition(",")[0], line, points), row=row)
         for limit in (quantity.lower, quantity.upper):
             if np.isfinite(limit):
-                figure.add(_limit_line(t, limit, RED, "limit"), row=row)
+                figure.add(_limit_line(t, limit, "limit"), row=row)
         # The panel holds the curve and its finite limits, with a margin
         extremes = float(quantity.values.min()), float(quantity.values.max())
         ends = [x for x in (quantity.lower, quantity.upper, *extremes) if np.isfinite(x)]
@@ -182,24 +178,16 @@ def design_figure(t: Array, quantities: Sequence[LimitedQuantity], points: int =
     return figure
 
 
-def _limit_line(t: Array, value: float, colour: str, name: str) -> Trace:
-    """Return a horizontal line."""
-    return trace(
-        "scatter",
-        x=[float(t[0]), float(t[-1])],
-        y=[value, value],
-        mode="lines",
-        name=name,
-        line={"color": colour, "width": 1.2, "dash": "dash"},
-        hoverinfo="skip",
-    )
+def _limit_line(t: Array, value: float, name: str) -> Trace:
+    ends, line = [float(t[0]), float(t[-1])], {"color": RED, "width": 1.2, "dash": "dash"}
+    return trace("scatter", x=ends, y=[value, value], mode="lines", name=name, line=line, hoverinfo="skip")
 
 
-def distance_figure(t: Array, distance: Array, clearance: float, points: int = 2000) -> Drawing:
+def distance_figure(t: Array, distance: Array, clearance: float) -> Drawing:
     """Draw the smallest distance (N) of all pairs over time t (N), and the clearance that is kept."""
     figure = panels(["distance, m"], 260)
-    figure.add(curve(t, distance, "smallest distance", {"color": BLUE, "width": 1.4}, points))
-    figure.add(_limit_line(t, clearance, RED, "clearance"))
+    figure.add(curve(t, distance, "smallest distance", {"color": BLUE, "width": 1.4}, 2000))
+    figure.add(_limit_line(t, clearance, "clearance"))
     figure.axes("y", rangemode="tozero")
     figure.layout.update(showlegend=False, margin={"t": 15})
     return figure
@@ -212,17 +200,9 @@ def expected_figure(labels: Sequence[str], percent: Array, mark: float, before: 
     """
     labels = [plain(label) for label in labels]
     figure = panels([""], 120 + 20 * len(labels), shared=False)
-    figure.add(
-        trace(
-            "scatter",
-            x=[mark, mark],
-            y=[-0.5, len(labels) - 0.5],
-            mode="lines",
-            line={"color": PALE, "width": 1.0, "dash": "dot"},
-            hoverinfo="skip",
-            showlegend=False,
-        )
-    )
+    ends, line = [-0.5, len(labels) - 0.5], {"color": PALE, "width": 1.0, "dash": "dot"}
+    look = {"mode": "lines", "line": line, "hoverinfo": "skip", "showlegend": False}
+    figure.add(trace("scatter", x=[mark, mark], y=ends, **look))
     series = [(percent, "with this motion", GREEN, "circle")]
     series += [] if before is None else [(before, "known before", AMBER, "circle-open")]
     mark_rows(figure, labels, series, "expected standard error, % of the value")
@@ -249,7 +229,7 @@ def expected_findings(design: Design) -> Iterator[str]:
             f"Errors fall with the root of the time: moving {DURATION_FACTOR:g} times as long would halve them, and "
             f"{_grades(longer)}."
         )
-        worst = _worst_parameter(info)
+        worst = int(np.where(has_value(info) & np.isfinite(info.std), info.relative, -1.0).argmax())
         if np.isfinite(info.std[worst]):
             yield (
                 f"The least known is {short_formula(info.basis.groupings[worst])}: "
@@ -286,11 +266,6 @@ def has_value(info: ExpectedAccuracy) -> NDArray[np.bool_]:
     # A value far below the largest one is a rounding error of zero
     size = np.abs(info.value)
     return np.asarray(size > MIN_RELATIVE_VALUE * size.max(initial=0.0))
-
-
-def _worst_parameter(info: ExpectedAccuracy) -> int:
-    """Return the index of the parameter with the largest relative error, of those that have a value."""
-    return int(np.where(has_value(info) & np.isfinite(info.std), info.relative, -1.0).argmax())
 
 
 def _gain_sentences(info: ExpectedAccuracy, prior_info: ExpectedAccuracy) -> Iterator[str]:
@@ -334,8 +309,7 @@ def expected_section(design: Design) -> PageSection:
 
 
 def _expected_table(info: ExpectedAccuracy, prior_info: ExpectedAccuracy | None) -> PageTable:
-    columns = [Column("base parameter", numeric=False), Column("value"), Column("expected standard error")]
-    columns += [Column("%")] + ([] if prior_info is None else [Column("now, %")])
+    heads = ("value", "expected standard error", "%", *(() if prior_info is None else ("now, %",)))
     valued = has_value(info)
     rows = []
     for k in range(len(info.std)):
@@ -344,7 +318,7 @@ def _expected_table(info: ExpectedAccuracy, prior_info: ExpectedAccuracy | None)
         shares = (info.relative[k], *(() if prior_info is None else (prior_info.relative[k],)))
         rows.append((*cells, *(number(float(share), 2) if valued[k] else "-" for share in shares)))
     title = f"Base parameters; log det of the information {number(info.log_det)}, condition {number(info.condition, 3)}"
-    return PageTable(tuple(columns), tuple(rows), title)
+    return PageTable.of(("base parameter",), heads, rows, title)
 
 
 def _open_blocks(design: Design) -> Iterator[PageBlock]:
@@ -354,8 +328,7 @@ def _open_blocks(design: Design) -> Iterator[PageBlock]:
         how = "" if len(note.joints) == 1 else " at the same time" if note.together else ", each by itself"
         rows += [(short_formula(name), f"it takes motion of {', '.join(note.joints)}{how}") for name in note.groupings]
     if rows:
-        columns = (Column("base parameter", numeric=False), Column("why", numeric=False))
-        yield PageTable(columns, tuple(rows), "What stays open, and why")
+        yield PageTable.of(("base parameter", "why"), (), rows, "What stays open, and why")
 
 
 def _no_effect_sentences(info: ExpectedAccuracy) -> Iterator[PageBlock]:

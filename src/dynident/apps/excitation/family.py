@@ -7,11 +7,10 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 DEGREE = 5  # the jerk is continuous
 REST_POINTS = 3  # equal control points at either end: there dq and ddq are zero
 
@@ -47,9 +46,6 @@ class Family(Protocol):
 
     def guard(self, points: int, /) -> LimitConstraints:
         """Return the constraints that keep a motion within its limits; more ``points`` leave less of them unused."""
-
-    def course(self, x: Array, /) -> LinearCourse:
-        """Return the motion with coefficients x (n, K), once through."""
 
 
 class LinearCourse(Noun):
@@ -127,10 +123,6 @@ class Fourier:
         shifted_x[:, 1::2], shifted_x[:, 2::2] = a * cos - b * sin, a * sin + b * cos
         return shifted_x
 
-    def course(self, x: Array) -> LinearCourse:
-        """Return one period with coefficients x (n, K)."""
-        return LinearCourse(self, np.asarray(x, dtype=float))
-
 
 @dataclass(frozen=True)
 class ClampedSpline:
@@ -168,10 +160,6 @@ class ClampedSpline:
         # each derivative has a degree less, and one knot less at either end
         q, dq, ddq, jerk = (self._control_points(knots[d : len(knots) - d], d) for d in range(4))
         return LimitConstraints((q, dq, ddq, jerk), 1.0)
-
-    def course(self, x: Array) -> LinearCourse:
-        """Return the motion with coefficients x (n, K)."""
-        return LinearCourse(self, np.asarray(x, dtype=float))
 
     def _control_points(self, knots: Array, d: int) -> Array:
         """Return the control points (R, K) of the derivatives of order ``d`` of the functions on finer knots."""

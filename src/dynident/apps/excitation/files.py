@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Collection, Mapping
-from io import BytesIO, StringIO
+from io import BytesIO
 from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from dynident.apps.excitation.chirp import csv_text
 from dynident.apps.excitation.limits import MotionLimits, min_fit_speeds
 from dynident.apps.excitation.motion import point_spacing
 from dynident.apps.excitation.players import ROS, ur_script
@@ -28,8 +27,8 @@ from dynident.models import Joint
 from dynident.project.explicit_config import relocate_settings, settings_text
 from dynident.project.settings import robot_settings
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 STATE_NAMES = ("q", "dq", "ddq")
 INTERPOLATION_TOLERANCE = 1e-3  # of a limit, for smooth motion between samples; jumps of the jerk take 1e-1 and more
 BLOCK_SAMPLES = 500
@@ -127,12 +126,8 @@ def check_interpolant(samples: SampledTrajectory, limits: MotionLimits) -> None:
 
 def _to_csv(samples: SampledTrajectory) -> str:
     """Return a CSV text with a header, in twelve digits."""
-    text = StringIO()
-    csv.writer(text, lineterminator="\n").writerow(
-        ["t", *(f"{key}_{joint}" for key in STATE_NAMES for joint in samples.joints)]
-    )
-    np.savetxt(text, np.column_stack([samples.t, samples.q, samples.dq, samples.ddq]), fmt="%.12g", delimiter=",")
-    return text.getvalue()
+    names = [f"{key}_{joint}" for key in STATE_NAMES for joint in samples.joints]
+    return csv_text(["t", *names], np.column_stack([samples.t, samples.q, samples.dq, samples.ddq]), digits=12)
 
 
 def _to_npz(samples: SampledTrajectory) -> bytes:
@@ -199,9 +194,7 @@ def recording_config(project: ExcitationProject, folder: Path) -> str:
         data, comments = {**data, "min_speed": slow}, comments | {"min_speed": (_SLOW,)}
     motion_settings = project.settings.model_dump(mode="json", exclude_unset=True)
     if "packages" in motion_settings:
-        motion_settings["packages"] = [
-            relative(Path(entry), real_path(folder)) for entry in motion_settings["packages"]
-        ]
+        motion_settings["packages"] = [relative(Path(name), real_path(folder)) for name in motion_settings["packages"]]
     comments |= {"excitation": () if "floor" in motion_settings else (_FLOOR,)}
     return settings_text({**data, "excitation": {"program": project.settings.program, **motion_settings}}, comments)
 

@@ -40,8 +40,9 @@ def find_gripper(model: Model) -> GripperLeftOut | None:
     names = [model.joints[k].name for k in np.flatnonzero(moves)]
     if not names or len(names) == len(model.joints):
         return None
-    ends = {name: (model.limits[name].lower, model.limits[name].upper) for name in names}
-    return GripperLeftOut({name: _nearest_to_zero(*ends[name]) for name in names})
+    return GripperLeftOut(
+        {name: _nearest_to_zero(model.limits[name].lower, model.limits[name].upper) for name in names}
+    )
 
 
 def _finger_bodies(arm: Arm, palm: int) -> list[int]:

@@ -7,21 +7,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.excitation.criterion import InformationCriterion
 from dynident.apps.excitation.family import Family, LimitConstraints
 from dynident.apps.excitation.limits import DISTANCE_RESERVE, TORQUE_RESERVE, Feasibility, MotionLimits
-from dynident.models import Space
+from dynident.models import Model, Space
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-if TYPE_CHECKING:
-    from dynident.models import Model
-
-Array = NDArray[np.float64]
 REFINEMENT = 8  # points between two of the grid
 RESERVE_FACTOR = 1.5  # times what the limits were exceeded by is kept free
 SHRINK_STEPS = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5)

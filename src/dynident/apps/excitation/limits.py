@@ -11,21 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.excitation.trajectory import Course
-from dynident.models import Distances, Joint, RigidBodies
+from dynident.models import Distances, Joint, Model, RigidBodies
 from dynident.models.robot_files import RobotJointLimits
 from dynident.project.arms import KnownArm, find_arm
 from dynident.runtime import ConfigError, ModelError, Noun, choices, join_names
+from dynident.runtime.arrays import Array
 
-if TYPE_CHECKING:
-    from dynident.models import Model
-
-Array = NDArray[np.float64]
 ACCELERATION_TIME = 0.25  # s from rest to the velocity limit
 JERK_TIME = 0.05  # s from no acceleration to its limit
 MAX_FILE_RANGE = 4.001 * np.pi  # rad: a file with a wider range has none
@@ -116,11 +112,8 @@ def motion_limits(
     for name in ("velocity", "acceleration", "jerk", "torque"):
         values[name] = (1 - margin) * values[name]
     by_rule = {name: rules for name, (_, rules) in zip(names, joint_limits, strict=True) if rules}
-    beyond = {
-        name: names_beyond
-        for name, limits in user_limits.items()
-        if (names_beyond := _exceeded_limits(limits, file_limits[name]))
-    }
+    beyond = {name: _exceeded_limits(limits, file_limits[name]) for name, limits in user_limits.items()}
+    beyond = {name: exceeded for name, exceeded in beyond.items() if exceeded}
     return MotionLimits(tuple(names), **values, by_rule=by_rule, beyond=beyond)
 
 
@@ -250,15 +243,12 @@ def _check_complete(
 
 def _exceeded_limits(user_limits: JointLimits, file_limits: RobotJointLimits) -> tuple[str, ...]:
     """Return the names of the limits that a user gives beyond those of the file."""
-    pairs = {
-        name: (getattr(user_limits, name), getattr(file_limits, file_field)) for name, file_field in FILE_FIELDS.items()
-    }
-    both_known = {name: pair for name, pair in pairs.items() if None not in pair}
-    return tuple(
-        name
-        for name, (user_value, file_value) in both_known.items()
-        if (user_value < file_value if name == "lower" else user_value > file_value)
-    )
+    exceeded = []
+    for name, file_field in FILE_FIELDS.items():
+        user_value, file_value = getattr(user_limits, name), getattr(file_limits, file_field)
+        if None not in (user_value, file_value):
+            exceeded += [name] * (user_value < file_value if name == "lower" else user_value > file_value)
+    return tuple(exceeded)
 
 
 def min_fit_speeds(model: Model, limits: MotionLimits) -> Array:

@@ -9,11 +9,10 @@ from dataclasses import replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.excitation.clearance import refuse_contact
 from dynident.apps.excitation.criterion import Criterion, InformationCriterion, base_information
-from dynident.apps.excitation.family import ClampedSpline, Family, Fourier
+from dynident.apps.excitation.family import ClampedSpline, Family, Fourier, LinearCourse
 from dynident.apps.excitation.interior import GridReserve, Interior
 from dynident.apps.excitation.limits import Feasibility, MotionLimits
 from dynident.apps.excitation.search import Plan, SearchResult, search
@@ -23,8 +22,8 @@ from dynident.estimators.maximum_likelihood import with_smooth_signs
 from dynident.models import Model, Space
 from dynident.regression import BaseParameters
 from dynident.runtime import ConfigError, InputError, Note, Noun, choices, join_names
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 SIGN_WIDTH = 0.02  # of the velocity limit: the width of the sign of Coulomb friction in the search
 POINTS_PER_HARMONIC = 20  # points of the grid by harmonic
 MIN_GRID_POINTS = 100  # points of the grid
@@ -170,12 +169,12 @@ def build_interior(feasible: Feasibility, space: Space, request: MotionRequest, 
     smooth = replace(feasible, model=with_smooth_signs(feasible.model, SIGN_WIDTH * feasible.limits.velocity))
     family = _make_family(request)
     # enough points for the highest harmonic, or for each span of a spline
-    points = max(
-        MIN_GRID_POINTS,
+    least = (
         POINTS_PER_HARMONIC * family.harmonics
         if isinstance(family, Fourier)
-        else POINTS_PER_HARMONIC // 4 * family.size,
+        else POINTS_PER_HARMONIC // 4 * family.size
     )
+    points = max(MIN_GRID_POINTS, least)
     grid = (np.arange(points) + 0.5) * family.duration / points
     samples = request.rate * family.duration * _period_count(request, family, TYPICAL_PATH_TIME) / points
     prior = None if request.prior is None else base_information(basis, request.prior)
@@ -251,7 +250,7 @@ def motion_pieces(
     while True:
         periods = _period_count(request, family, path_time)
         periods = periods if request.max_periods is None else min(request.max_periods, periods)
-        pieces = from_rest(feasible, family.course(x), periods, request.start, rng)
+        pieces = from_rest(feasible, LinearCourse(family, x), periods, request.start, rng)
         if pieces is None:
             raise NoPathError(_no_path_message(request))
         duration = sum(piece.course.duration for piece in pieces)
@@ -262,10 +261,8 @@ def motion_pieces(
                 f"the motion takes {duration:.1f} s with the ways to it and back, more than the {request.duration:.4g} "
                 "s that there are: give a longer duration, or a shorter period."
             )
-        path_time = max(
-            path_time + 0.1,
-            sum(path_piece.course.duration for path_piece in pieces if path_piece.purpose is Purpose.WAY),
-        )
+        way_time = sum(piece.course.duration for piece in pieces if piece.purpose is Purpose.WAY)
+        path_time = max(path_time + 0.1, way_time)
 
 
 def reachable_motion(

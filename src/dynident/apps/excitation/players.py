@@ -11,11 +11,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.project.arms import is_universal_robot
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 ROS, FRANKA = "play_trajectory.py", "play_franka.cpp"
 _FRANKA_JOINT = re.compile(r"(.*_)?(panda|fer|fr3|franka)\w*")
 DIGITS = 6  # after the point, of rad, rad/s and rad/s^2

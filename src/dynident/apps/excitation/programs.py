@@ -13,15 +13,14 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.excitation.limits import Feasibility, min_fit_speeds
 from dynident.apps.excitation.motion import MotionRequest
 from dynident.apps.excitation.trajectory import Course, Hold, Piece, Purpose, Sweep, ramp_times, round_up
 from dynident.apps.excitation.way import Quintic, find_path
 from dynident.runtime import ConfigError, join_names
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 POSE_TRIALS, JOINT_POSITIONS = 24, 33  # poses that are tried, and positions of each joint there
 MIN_SPEED_RATIO = 0.05  # of the greatest speed
 MIN_SPEED_FACTOR = 1.5  # times what a fit leaves out as too slow, at least

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import singledispatch
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.excitation.clearance import CapsuleSpace
+from dynident.apps.excitation.design import Design
 from dynident.apps.excitation.expected_report import (
     WELL,
     LimitedQuantity,
@@ -25,9 +23,11 @@ from dynident.apps.excitation.expected_report import (
     shape_words,
 )
 from dynident.apps.excitation.motion import Program
+from dynident.apps.excitation.robot import ExcitationProject
 from dynident.apps.excitation.trajectory import Trajectory
+from dynident.apps.excitation.verify import QUANTITIES
 from dynident.identification import versions
-from dynident.models import Box, Cylinder, Floor, Geometry, ShapeSource, outlines
+from dynident.models import Box, Floor, Geometry, Obstacle, ShapeSource, outlines
 from dynident.regression import UnexcitedParameters
 from dynident.report import (
     METAL,
@@ -47,7 +47,6 @@ from dynident.report.identification.parameters import missing_mesh_notes
 from dynident.report.page import (
     UNIT,
     Beside,
-    Column,
     Facts,
     Figure,
     Gallery,
@@ -59,12 +58,8 @@ from dynident.report.page import (
     render,
 )
 from dynident.runtime import number, setting_text
+from dynident.runtime.arrays import Array
 
-if TYPE_CHECKING:
-    from dynident.apps.excitation.design import Design
-    from dynident.apps.excitation.robot import ExcitationProject
-
-Array = NDArray[np.float64]
 FRAMES = 400  # of the arm along its path
 MAX_DISTANCE_RATE = 100.0  # Hz, at most, of the distances that are drawn
 MAX_DISTANCE_SAMPLES = 6000  # samples of them
@@ -152,27 +147,15 @@ def arm_view(project: ExcitationProject, design: Design) -> Figure | None:
     return Figure(figure, _VIEW_NOTE)
 
 
-@singledispatch
-def obstacle_mesh(obstacle: object, reach: float) -> SceneMesh:  # noqa: ARG001
+def obstacle_mesh(obstacle: Obstacle, reach: float) -> SceneMesh:
     """Return an obstacle as triangles; one without end is drawn as far as the arm reaches, ``reach`` (m)."""
-    raise TypeError(f"{type(obstacle).__name__} is no obstacle.")
-
-
-@obstacle_mesh.register
-def _(floor: Floor, reach: float) -> SceneMesh:
-    return plate("floor", floor.height, reach)
-
-
-@obstacle_mesh.register
-def _(box: Box, reach: float) -> SceneMesh:  # noqa: ARG001
-    return box_mesh(box.name, np.array(box.centre), np.array(box.size), np.array(box.axes))
-
-
-@obstacle_mesh.register
-def _(cylinder: Cylinder, reach: float) -> SceneMesh:
-    bottom = cylinder.bottom if np.isfinite(cylinder.bottom) else min(-reach, cylinder.top - OPEN_CYLINDER_HEIGHT)
-    top = cylinder.top if np.isfinite(cylinder.top) else max(reach, bottom + OPEN_CYLINDER_HEIGHT)
-    return cylinder_mesh(cylinder.name, np.array(cylinder.centre), cylinder.radius, bottom, top)
+    if isinstance(obstacle, Floor):
+        return plate(obstacle.name, obstacle.height, reach)
+    if isinstance(obstacle, Box):
+        return box_mesh(obstacle.name, *(np.array(x) for x in (obstacle.centre, obstacle.size, obstacle.axes)))
+    bottom = obstacle.bottom if np.isfinite(obstacle.bottom) else min(-reach, obstacle.top - OPEN_CYLINDER_HEIGHT)
+    top = obstacle.top if np.isfinite(obstacle.top) else max(reach, bottom + OPEN_CYLINDER_HEIGHT)
+    return cylinder_mesh(obstacle.name, np.array(obstacle.centre), obstacle.radius, bottom, top)
 
 
 def _distance_blocks(project: ExcitationProject, design: Design) -> Iterator[PageBlock]:
@@ -200,8 +183,7 @@ def _closest_table(pairs: tuple[tuple[str, str], ...], t: Array, distances: Arra
             smallest[pair] = float(column[when]), float(t[when])
     rows = sorted(smallest.items(), key=lambda entry: entry[1][0])[:MAX_PAIRS]
     cells = tuple((*pair, number(1e3 * size, 3), number(when, 3)) for pair, (size, when) in rows)
-    columns = (*(Column(head, numeric=False) for head in ("", "and")), Column("distance, mm"), Column("at, s"))
-    return PageTable(columns, cells, "Closest pairs")
+    return PageTable.of(("", "and"), ("distance, mm", "at, s"), cells, "Closest pairs")
 
 
 def _shape_sentences(geometry: Geometry) -> Iterator[str]:
@@ -255,8 +237,7 @@ def excitation_heading(design: Design) -> str:
 
 def _file_table(files: Sequence[tuple[str, str]]) -> PageTable:
     """Return the table of the files, with links to them."""
-    columns = (Column("file", numeric=False), Column("what it holds", numeric=False))
-    return PageTable(columns, tuple(files), links=tuple(relative_link(name) for name, _ in files))
+    return PageTable.of(("file", "what it holds"), (), files, links=[relative_link(name) for name, _ in files])
 
 
 def _design_facts(design: Design) -> Facts:
@@ -281,27 +262,20 @@ def motions_of(design: Design) -> Mapping[str, Trajectory]:
     return dict(zip(MOTIONS, (design.trajectory, design.validation), strict=True))
 
 
-def drawing_times(trajectory: Trajectory) -> Array:
-    """Return the times (s) at which a trajectory is drawn."""
-    return trajectory.times(min(DRAWING_RATE, MAX_DRAWN_SAMPLES / trajectory.duration))
-
-
 def limit_use_table(design: Design) -> PageTable:
     """Return how much of each limit the motions use, as found by their last check."""
-    heads = ("position", "velocity", "acceleration", "jerk", "torque")
-    columns = [Column("joint", numeric=False)]
-    columns += [Column(head, f"{name}, % of the limit") for name in MOTIONS for head in heads]
+    columns = [(head, f"{name}, % of the limit") for name in MOTIONS for head in QUANTITIES]
     shares = np.concatenate([check.reached for check in design.checks])  # (10, n)
     cells = [[number(round(100 * share, 4), 3) for share in row] for row in shares.T.tolist()]
-    rows = tuple((joint, *row) for joint, row in zip(design.limits.joints, cells, strict=True))
+    rows = ((joint, *row) for joint, row in zip(design.limits.joints, cells, strict=True))
     title = "How much of the limits is used, the margin taken off; of the range, from its middle"
-    return PageTable(tuple(columns), rows, title)
+    return PageTable.of(("joint",), columns, rows, title)
 
 
 def _gallery(design: Design) -> Gallery:
     views = []
     for name, trajectory in motions_of(design).items():
-        t = drawing_times(trajectory)
+        t = trajectory.times(min(DRAWING_RATE, MAX_DRAWN_SAMPLES / trajectory.duration))
         states = trajectory.states(t)
         torque = design.model.torque(states[0], states[1], states[2], design.theta)
         for k, joint in enumerate(design.model.joints):
@@ -334,8 +308,9 @@ def _limit_blocks(design: Design) -> Iterator[PageBlock]:
         values = [number(float(getattr(limits, name)[k])) for name in names]
         marked = (f"{value} *" if rule else value for value, rule in zip(values, ruled, strict=True))
         rows.append((joint, design.model.joints[k].unit, *marked))
-    columns = (Column("joint", numeric=False), UNIT, *map(Column, names))
-    yield PageTable(columns, tuple(rows), "Limits that the motion keeps to, the margin taken off (* by rule)")
+    yield PageTable.of(
+        ("joint",), (UNIT, *names), rows, "Limits that the motion keeps to, the margin taken off (* by rule)"
+    )
     samples = max(check.samples for check in design.checks)
     yield (
         "Between the points of a grid they hold by bounds. Both finished motions were then checked by other code, at "
@@ -343,14 +318,8 @@ def _limit_blocks(design: Design) -> Iterator[PageBlock]:
     )
 
 
-def _given_settings(settings: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the settings that are given, as text."""
-    for key, value in settings.items():
-        if value is not None and value not in ([], {}):
-            yield key.replace("_", " "), setting_text(value)
-
-
 def _settings_tables(project: ExcitationProject) -> Iterator[PageBlock]:
-    settings = project.settings.model_dump(mode="json")
-    yield pair_table("setting", [("robot", project.path.name), *_given_settings(settings)])
+    settings = project.settings.model_dump(mode="json").items()
+    given = ((key.replace("_", " "), setting_text(value)) for key, value in settings if value not in (None, [], {}))
+    yield pair_table("setting", [("robot", project.path.name), *given])
     yield pair_table("program", list(versions().items()))

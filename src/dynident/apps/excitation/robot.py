@@ -11,14 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.excitation.clearance import CapsuleSpace
 from dynident.apps.excitation.config import (
     ExcitationSettings,
     NoiseOrigin,
     PriorKnowledge,
-    excitation_settings,
     knowledge_of_result,
     nominal_knowledge,
     settings_in,
@@ -43,8 +41,8 @@ from dynident.project.project import parse_project
 from dynident.project.saved import load
 from dynident.project.settings import RobotSettings, robot_settings
 from dynident.runtime import ConfigError, InputError, Noun, choices, report_progress
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Robot = RobotSettings | str
 CONFIGS = (".yaml", ".yml")
 MAX_PERIOD_SHARE = 0.6  # of the duration, at most, where nobody gives it: the ways take time, too
@@ -74,23 +72,19 @@ class ExcitationProject(Noun):
         settings = self.settings
         floor = () if settings.floor is None else (Floor(settings.floor),)
         boxes = (Box(obstacle.name, obstacle.centre, obstacle.size) for obstacle in settings.boxes)
-        heights = (
-            (-np.inf if obstacle.bottom is None else obstacle.bottom, obstacle.top) for obstacle in settings.cylinders
-        )
-        pairs = zip(settings.cylinders, heights, strict=True)
-        cylinders = (
-            Cylinder(obstacle.name, obstacle.centre, obstacle.radius, bottom, np.inf if top is None else top)
-            for obstacle, (bottom, top) in pairs
-        )
+        cylinders = []
+        for shape in settings.cylinders:
+            bottom, top = -np.inf if shape.bottom is None else shape.bottom, np.inf if shape.top is None else shape.top
+            cylinders.append(Cylinder(shape.name, shape.centre, shape.radius, bottom, top))
         return (*floor, *boxes, *cylinders)
 
     @cached_property
     def geometry(self) -> Geometry | None:
         """The shapes of the links, None where the model is not made of a robot file."""
         bodies = next((term for term in self.prior.model.terms if isinstance(term, RigidBodies)), None)
-        return (
-            None if bodies is None else read_geometry(bodies, self.file or Path(bodies.source), self.settings.packages)
-        )
+        if bodies is None:
+            return None
+        return read_geometry(bodies, self.file or Path(bodies.source), self.settings.packages)
 
     @cached_property
     def space(self) -> Space:
@@ -173,21 +167,16 @@ def read_excitation(
         prior = _prior_from_logs(path, config_text(path), ready)
     limits = motion_limits(prior.model, _user_limits(motion_settings, prior.model, speed), motion_settings.margin)
     origin, sigma = torque_noise(prior, motion_settings.noise, limits, motion_settings.margin, motion_settings.rate)
+    alike = ("family", "duration", "period", "harmonics", "rate", "starts", "clearance")
     request = MotionRequest(
         sigma,
         Program(motion_settings.program),
         Criterion(motion_settings.criterion),
-        motion_settings.family,
-        motion_settings.duration,
-        motion_settings.period,
-        motion_settings.harmonics,
-        motion_settings.rate,
-        motion_settings.file_rate or motion_settings.rate,
-        _start_pose(motion_settings, limits.joints),
-        motion_settings.parameters,
-        prior.information,
-        motion_settings.starts,
-        motion_settings.clearance,
+        file_rate=motion_settings.file_rate or motion_settings.rate,
+        start=_start_pose(motion_settings, limits.joints),
+        named=motion_settings.parameters,
+        prior=prior.information,
+        **{name: getattr(motion_settings, name) for name in alike},
     )
     file = _model_file(path, kind, identification, config)
     return ExcitationProject(path, prior, motion_settings, limits, origin, request, config, file, gripper)
@@ -267,7 +256,7 @@ def _motion_settings(
         changes["packages"] = [
             Path.cwd() / package if isinstance(package, str | Path) else package for package in packages
         ]
-    motion_settings = excitation_settings({**defaults, **data, **changes}, place, folder)
+    motion_settings = read_settings(ExcitationSettings, {**defaults, **data, **changes}, place, folder=folder)
     for package in motion_settings.packages:
         if not os.path.isdir(package):
             raise ConfigError(f"{place}: packages: there is no folder {str(package)!r}.")

@@ -9,17 +9,18 @@ from dataclasses import asdict
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from dynident.apps.excitation.design import Design
 from dynident.apps.excitation.files import recording_config, trajectory_files
 from dynident.apps.excitation.limits import LIMITS_FILE, Feasibility, usual_arm
 from dynident.apps.excitation.players import FRANKA, ROS, players
 from dynident.apps.excitation.report import MOTIONS, SLOWER, TRIAL, excitation_findings, excitation_page, motions_of
 from dynident.apps.excitation.robot import ExcitationProject, read_excitation
 from dynident.apps.excitation.trajectory import Trajectory, slow_down
-from dynident.apps.excitation.verify import LimitError, verify
+from dynident.apps.excitation.verify import QUANTITIES, LimitError, verify
 from dynident.files.folder import REPORT, ResultFolder, refuse_other_report, result_folder
 from dynident.files.opener import content, refuse_inputs, watch_inputs
 from dynident.files.results import json_text
@@ -28,9 +29,6 @@ from dynident.project.arms import KnownArm
 from dynident.project.explicit_config import settings_text
 from dynident.project.project import parse_project
 from dynident.runtime import ConfigError, InputError
-
-if TYPE_CHECKING:
-    from dynident.apps.excitation.design import Design
 
 CONFIG, NUMBERS = "identify.yaml", "excite.json"
 FORMAT, VERSION = "dynident-excite", 1
@@ -211,8 +209,7 @@ def _values_by_joint(design: Design, values: np.ndarray[Any, Any]) -> dict[str, 
 
 def _check_dict(design: Design, k: int) -> dict[str, Any]:
     check = design.checks[k]
-    quantities = ("position", "velocity", "acceleration", "jerk", "torque")
-    reached = {name: _values_by_joint(design, row) for name, row in zip(quantities, check.reached, strict=True)}
+    reached = {name: _values_by_joint(design, row) for name, row in zip(QUANTITIES, check.reached, strict=True)}
     nearest = {
         name: value and asdict(value) for name, value in (("links", check.nearest), ("shapes", check.nearest_shapes))
     }

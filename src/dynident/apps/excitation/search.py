@@ -15,15 +15,14 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.excitation.criterion import Criterion, InformationCriterion
 from dynident.apps.excitation.interior import BarrierPoint, Interior
 from dynident.regression import one_thread
 from dynident.runtime import ConfigError, InputError, Noun, Step, report_progress
+from dynident.runtime.arrays import Array
 from dynident.runtime.jobs import run_jobs
 
-Array = NDArray[np.float64]
 POSE_TRIALS = 20  # that are tried
 SHRINK_FACTOR = 0.8
 MIN_SIZE = 1e-3  # of the limits: a motion this small is none

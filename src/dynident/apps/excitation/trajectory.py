@@ -8,13 +8,12 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.models import Distances
 from dynident.models.geometry import LipschitzDistances
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 TIME_TOLERANCE = 1e-9  # of a time: as good as equal
 STEP_TOLERANCE = 1e-6  # of a step, likewise
 COARSE_RATE = 50.0  # Hz

@@ -10,21 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.excitation.limits import Feasibility, MotionLimits
 from dynident.apps.excitation.trajectory import ClosestApproach, Trajectory, closest_approach
-from dynident.models import Distances, RigidBodies
+from dynident.models import Distances, Model, RigidBodies
 from dynident.project.export import PinocchioArm, strip_to_joints
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 
-if TYPE_CHECKING:
-    from dynident.models import Model
-
-Array = NDArray[np.float64]
 SAMPLE_RATE = 1000.0  # Hz
 EXTREME_POINTS = 40  # points about an extreme, on either side
 LIMIT_ROUNDING = 1e-6  # of a limit

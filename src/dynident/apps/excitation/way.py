@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cache, cached_property
+from functools import cache
 from itertools import islice, pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.excitation.family import Fourier, LinearCourse
 from dynident.apps.excitation.limits import TORQUE_RESERVE, Feasibility, MotionLimits
 from dynident.apps.excitation.trajectory import Course, Piece, Purpose, round_up
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 DEGREE = 5
 BOUND_PARTS = 16  # in which a polynomial is bounded, each by its Bernstein coefficients
 MIN_DURATION, MAX_DURATION, DURATION_RATIO = 0.05, 300.0, 1.05  # s, s, ratio: the durations that are tried
@@ -43,11 +42,8 @@ class Quintic(Noun):
         """Return q, dq, ddq and the jerk, shape (4, N, n), at times t (N)."""
         s = np.asarray(t, dtype=float) / self.duration
         powers = np.stack([_power_derivatives(s, d) for d in range(4)])
-        return np.asarray(powers @ self._coefficients / self.duration ** np.arange(4.0)[:, None, None])
-
-    @cached_property
-    def _coefficients(self) -> Array:
-        return np.asarray(coefficients(self.start, self.end, np.array([self.duration]))[0])
+        polynomial = coefficients(self.start, self.end, np.array([self.duration]))[0]
+        return np.asarray(powers @ polynomial / self.duration ** np.arange(4.0)[:, None, None])
 
 
 def rest_state(q: Array) -> Array:
@@ -233,7 +229,7 @@ def from_rest(
     for (enter, leave), shifted_x in islice(_allowed_ramps(feasible, family, x), MAX_RAMP_PAIRS):
         motion = (
             Piece(enter, Purpose.WAY, RAMP_IN),
-            *_periods(family.course(shifted_x), periods),
+            *_periods(LinearCourse(family, shifted_x), periods),
             Piece(leave, Purpose.WAY, RAMP_OUT),
         )
         if pieces := _with_paths(feasible, motion, (enter.start[0], leave.end[0]), start, rng):
@@ -270,11 +266,10 @@ def _allowed_ramps(feasible: Feasibility, family: Fourier, x: Array) -> Iterator
     With them come the coefficients of the series that begins between them.
     """
     phases = np.arange(START_PHASES) * family.period / START_PHASES
-    states = family.course(x).states(phases)[:3].transpose(1, 0, 2)  # (PHASES, 3, n)
+    states = LinearCourse(family, x).states(phases)[:3].transpose(1, 0, 2)  # (PHASES, 3, n)
     enter, leave = _shortest_ramps(feasible, states, backward=False), _shortest_ramps(feasible, states, backward=True)
     # a phase counts if both of its ramps keep the limits; the shortest pair comes first
-    candidates = [(enter[k][0] + leave[k][0], k) for k in enter.keys() & leave.keys()]
-    for _, k in sorted(candidates):
+    for _, k in sorted((enter[k][0] + leave[k][0], k) for k in enter.keys() & leave.keys()):
         pair = enter[k][1], leave[k][1]
         if all(map(feasible.allows, pair)):
             yield pair, family.shift(x, float(phases[k]))

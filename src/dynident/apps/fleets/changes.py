@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import StrEnum
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,8 @@ from dynident.apps.fleets.components import FEW_ROBOTS, History, Scatter, scatte
 from dynident.apps.fleets.ratios import LikelihoodRatios, NullDraws
 from dynident.regression import ParameterGroup
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 DRAWS = 1000
 MIN_SCATTER_DOF = 4  # degrees of freedom of the scatter, below which it is too uncertain
 MAX_ROUNDS = 3  # of scatter and changes in turn
@@ -111,10 +112,9 @@ def find_changes(
                 # of few robots, one that changes would else hide in the scatter that it makes itself
                 is_few = 1 < len(histories) < FEW_ROBOTS
                 other_scatter = _scatter_of_others(k, histories, groups, draw, designs) if is_few else None
-                robot_changes, p_value = changes_of(
+                changes_by_robot[history.robot], p_values[history.robot] = changes_of(
                     history, groups, other_scatter or scatter, NullDraws(draw, draws, pool), rate
                 )
-                changes_by_robot[history.robot], p_values[history.robot] = robot_changes, p_value
         if _change_keys(changes_by_robot) == previous_keys:
             break
         # the next scatter is that about the changes found, and so are the errors to draw from
@@ -123,13 +123,7 @@ def find_changes(
         scatter = scatter_of(histories, groups, rng, designs, scatter)
         errors = _LogErrors.of(histories, changes, scatter, rng)
     silent = tuple(history.robot for history in histories if history.robot not in p_values)
-    return Changes(
-        rate,
-        tuple(change for robot_changes in changes_by_robot.values() for change in robot_changes),
-        p_values,
-        silent,
-        scatter,
-    )
+    return Changes(rate, tuple(chain(*changes_by_robot.values())), p_values, silent, scatter)
 
 
 def changes_of(
@@ -230,17 +224,13 @@ def _standardised_errors(history: History, scatter: Scatter, changes: Sequence[C
     """
     k = len(history.logs)
     # a step must have several logs on both sides, a drift several after its start
-    lasting_changes = [
-        change
-        for change in changes
-        if k - change.index >= MIN_LASTING_LOGS
-        and (change.shape is ChangeShape.DRIFT or change.index >= MIN_LASTING_LOGS)
+    lasting = [
+        x for x in changes if k - MIN_LASTING_LOGS >= x.index >= MIN_LASTING_LOGS * (x.shape is ChangeShape.STEP)
     ]
-    courses = np.array([course(history.days, change.shape, change.index) for change in lasting_changes]).reshape(-1, k)
-    ratios = LikelihoodRatios.of(
-        history, [change.group for change in lasting_changes], scatter.variances, courses, scatter.dof
-    )
-    return ratios.standardised_errors([(j, j) for j in range(len(lasting_changes))])
+    courses = np.array([course(history.days, change.shape, change.index) for change in lasting]).reshape(-1, k)
+    groups = [change.group for change in lasting]
+    ratios = LikelihoodRatios.of(history, groups, scatter.variances, courses, scatter.dof)
+    return ratios.standardised_errors([(j, j) for j in range(len(lasting))])
 
 
 def _candidate_courses(days: Array) -> tuple[list[tuple[ChangeShape, int]], Array]:
@@ -259,9 +249,8 @@ def _start_range(
     """Return the logs between which a change begins, and the odds of its shape against the other one."""
     has_same_shape = np.array([candidate_shape is shapes[best][0] for candidate_shape, _ in shapes])
     # starts whose likelihood is within its 95 % interval, and the best of the other shape
-    likely_starts = [
-        shapes[int(i)][1] for i in np.flatnonzero(has_same_shape & (profile >= profile[best] - MAX_LIKELIHOOD_LOSS))
-    ]
+    is_likely = has_same_shape & (profile >= profile[best] - MAX_LIKELIHOOD_LOSS)
+    likely_starts = [shapes[int(i)][1] for i in np.flatnonzero(is_likely)]
     other_profile = profile[~has_same_shape].max(initial=-np.inf)
     odds = np.exp(min(0.5 * (profile[best] - other_profile), MAX_EXPONENT)) if np.isfinite(other_profile) else np.inf
     return (history.logs[min(likely_starts)], history.logs[max(likely_starts)]), float(odds)

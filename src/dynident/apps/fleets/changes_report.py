@@ -6,23 +6,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.apps.fleets.changes import ChangeShape
+from dynident.apps.fleets.changes import Change, ChangeShape
+from dynident.apps.fleets.components import History, Scatter
 from dynident.apps.fleets.figures import Mark, ParameterTrend, pooled_figure
+from dynident.apps.fleets.result import FleetBase, FleetResult, Population
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import GroupKind, ParameterGroup
 from dynident.report import Array
 from dynident.report.page import UNIT, Column, Figure, Fold, PageBlock, PageSection, PageTable
 from dynident.report.words import kind_words, signed_text
 from dynident.runtime import count, join_names, number
-
-if TYPE_CHECKING:
-    from dynident.apps.fleets.changes import Change
-    from dynident.apps.fleets.components import History, Scatter
-    from dynident.apps.fleets.result import FleetBase, FleetResult, Population
 
 VERBS = {
     (ChangeShape.STEP, 1): "rose",
@@ -112,31 +108,23 @@ def _change_sign(change: Change, before: Array) -> int:
 
 def _size_words(change: Change) -> Iterator[str]:
     if change.group.kind is GroupKind.RESIDUAL:
-        yield _relative_size(change)
+        # of a logarithm in percent, the standard error to first order
+        factor = float(np.exp(change.size[0]))
+        std = number(100 * factor * float(change.std[0]), 2)
+        yield f"{change.group.names[0]} by {signed_text(100 * (factor - 1))} +- {std} %"
         return
     for k in clear_directions(change):
         size = f"{change.group.names[k]} by {signed_text(change.size[k])} +- {number(float(change.std[k]), 2)}"
-        rate = (
-            f" ({signed_text(RATE_DAYS * change.per_day[k])} in {RATE_DAYS:.0f} days)"
-            if change.per_day is not None
-            else ""
-        )
-        yield f"{size} {change.group.units[k]}{rate}"
-
-
-def _relative_size(change: Change) -> str:
-    """Return the size of a logarithm in percent; the standard error to first order."""
-    factor = float(np.exp(change.size[0]))
-    std = number(100 * factor * float(change.std[0]), 2)
-    return f"{change.group.names[0]} by {signed_text(100 * (factor - 1))} +- {std} %"
+        if change.per_day is None:
+            yield f"{size} {change.group.units[k]}"
+        else:
+            rate = signed_text(RATE_DAYS * change.per_day[k])
+            yield f"{size} {change.group.units[k]} ({rate} in {RATE_DAYS:.0f} days)"
 
 
 def change_table(fleet: FleetResult, changes: Sequence[Change], max_rows: int) -> PageTable:
     """Return the table of the first ``max_rows`` changes."""
-    titles = ("robot", "what", "began", "how")
-    heads = [Column(title, numeric=False) for title in titles]
-    heads += [Column("by", numeric=False, prose=True), Column("p-value")]
-    rows = tuple(
+    rows = (
         (
             change.robot,
             group_words(change.group),
@@ -148,7 +136,8 @@ def change_table(fleet: FleetResult, changes: Sequence[Change], max_rows: int) -
         for change in changes[:max_rows]
     )
     suffix = f", the {max_rows} worst of {len(changes)}" if len(changes) > max_rows else ""
-    return PageTable(tuple(heads), rows, f"Changes, worst first{suffix}")
+    heads = (Column("by", numeric=False, prose=True), "p-value")
+    return PageTable.of(("robot", "what", "began", "how"), heads, rows, f"Changes, worst first{suffix}")
 
 
 def with_times(table: PageTable, fleet: FleetResult, changes: Sequence[Change]) -> PageTable:
@@ -187,11 +176,7 @@ class RobotTrends:
     def information(self) -> Array:
         """Information (K, b, b) of each log on the robot in general, which scatters from log to log."""
         information = self.history.information
-        return (
-            information
-            if self.scatter is None
-            else np.array([self.scatter.with_scatter(matrix) for matrix in information])
-        )
+        return information if self.scatter is None else np.array(list(map(self.scatter.with_scatter, information)))
 
     def group_trends(self, group: ParameterGroup) -> list[ParameterTrend]:
         """Return one trend for each direction of the group.
@@ -214,26 +199,18 @@ class RobotTrends:
         value, std = _solve_information(weighted @ group.directions, (weighted @ deviations[..., None])[..., 0])
         zero = self.mean_values(group)
         line = self._change_line(group_changes, zero) if group_changes else None
-        marks = [Mark(change.day, shape_words(change), self.onset_range(change)) for change in group_changes]
+        days = dict(zip(self.history.logs, self.history.days.tolist(), strict=True))
+        ends = [(days[change.between[0]], days[change.between[1]]) for change in group_changes]
+        marks = [Mark(change.day, shape_words(change), end) for change, end in zip(group_changes, ends, strict=True)]
         return [
             ParameterTrend(
-                self.history.robot,
-                f"{name}{'' if np.isfinite(zero[k]) else ', difference from the mean'}",
-                group.units[k],
-                self.history.logs,
-                self.history.days,
-                np.nan_to_num(zero[k]) + value[:, k],
-                std[:, k],
-                (line[0], line[1][:, k]) if line else None,
-                marks,
+                robot=self.history.robot, name=name if np.isfinite(zero[k]) else f"{name}, difference from the mean",
+                unit=group.units[k], logs=self.history.logs, days=self.history.days,
+                value=np.nan_to_num(zero[k]) + value[:, k], std=std[:, k],
+                change_line=(line[0], line[1][:, k]) if line else None, marks=marks,
             )
             for k, name in enumerate(group.names)
-        ]
-
-    def onset_range(self, change: Change) -> tuple[float, float]:
-        """Return the first and the last day on which a change may have begun."""
-        earliest, latest = (self.history.days[self.history.logs.index(log)] for log in change.between)
-        return float(earliest), float(latest)
+        ]  # fmt: skip
 
     @cached_property
     def mean(self) -> Array:
@@ -315,10 +292,7 @@ def pooled_sections(fleet: FleetResult) -> Iterator[PageSection]:
 
 def _pooled_blocks(pooled: Population, base: FleetBase) -> Iterator[PageBlock]:
     yield _LEAD.format(robots=count(len(pooled.robots), "robot"))
-    unlike = [
-        robot.robot for robot, weight in zip(pooled.robots, pooled.weights, strict=True) if weight < MAX_UNLIKE_WEIGHT
-    ]
-    if unlike:
+    if unlike := [pooled.robots[k].robot for k in np.flatnonzero(pooled.weights < MAX_UNLIKE_WEIGHT)]:
         yield f"Unlike the others, and counted less for the mean: {join_names(unlike)}."
     size = np.sqrt(np.maximum(np.diag(pooled.spread), 0.0))
     deviation = np.array([robot.value - pooled.mean for robot in pooled.robots])
@@ -342,10 +316,8 @@ def _pooled_figure(pooled: Population, base: FleetBase, deviation: Array, relati
         ]
         for r in robots
     ]
-    names = [base.names[i] for i in parameters]
-    drawing = pooled_figure(
-        names, [pooled.robots[r].robot for r in robots], relative[np.ix_(robots, parameters)], words
-    )
+    names, robot_names = [base.names[i] for i in parameters], [pooled.robots[r].robot for r in robots]
+    drawing = pooled_figure(names, robot_names, relative[np.ix_(robots, parameters)], words)
     omitted = relative.shape[0] - len(robots), relative.shape[1] - len(parameters)
     suffix = f" Not drawn, as they differ least: {count(omitted[0], 'robot')}, {count(omitted[1], 'parameter')}."
     return Figure(drawing, _FIGURE + (suffix if any(omitted) else ""))
@@ -354,11 +326,10 @@ def _pooled_figure(pooled: Population, base: FleetBase, deviation: Array, relati
 def _pooled_table(pooled: Population, base: FleetBase, size: Array, relative: Array) -> PageTable:
     std = np.sqrt(np.maximum(np.diag(pooled.covariance), 0.0))
     farthest = np.abs(relative).argmax(axis=0)
-    heads = [Column("parameter", numeric=False), UNIT, Column("mean"), Column("std. error")]
-    heads += [Column("spread"), Column("spread, %"), Column("farthest", numeric=False), Column("spreads away")]
+    heads = (UNIT, "mean", "std. error", "spread", "spread, %", Column("farthest", numeric=False), "spreads away")
     rows = []
     for i, (name, unit) in enumerate(zip(base.names, base.units, strict=True)):
         share = number(100 * size[i] / abs(pooled.mean[i]), 2) if pooled.mean[i] else "-"
         farthest_cells = pooled.robots[farthest[i]].robot, number(relative[farthest[i], i], 2)
         rows.append((name, unit, number(pooled.mean[i]), number(std[i], 2), number(size[i], 2), share, *farthest_cells))
-    return PageTable(tuple(heads), tuple(rows), "Mean and spread of the base parameters")
+    return PageTable.of(("parameter",), heads, rows, "Mean and spread of the base parameters")

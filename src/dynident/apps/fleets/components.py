@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from dynident.regression import GroupKind, ParameterGroup
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 ParameterBlock = NDArray[np.intp]
 MIN_INFORMATION_SHARE = 1e-10  # a direction with less of the largest information, in scaled parameters, is not shown
 MAX_ITERATIONS, CONVERGENCE_TOLERANCE = 80, 0.01  # of the iteration, until no component changes by more
@@ -117,9 +117,8 @@ def solve_gls(vectors: WhitenedVectors, variances: VarianceComponents, weights: 
     # the fit of c takes its share of the residuals, so that their expected squares are smaller
     hat = NX @ covariance @ NX.swapaxes(1, 2)
     residual_precision = inverse - hat
-    noise = np.stack(
-        [(n**2).sum(axis=1), (np.einsum("kii->ki", residual_precision) * vectors.is_shown).sum(axis=1)], axis=1
-    )
+    expected_noise = (np.einsum("kii->ki", residual_precision) * vectors.is_shown).sum(axis=1)
+    noise = np.stack([(n**2).sum(axis=1), expected_noise], axis=1)
     expected = G.swapaxes(1, 2) @ residual_precision @ G
     return GlsSolution(c, covariance, np.einsum("kij,ki->kj", G, n), expected, noise, (e * n).sum(axis=1))
 
@@ -179,13 +178,8 @@ def _robot_sums(solutions: Sequence[GlsSolution]) -> list[_RobotSums]:
         rows = zip(solution.score, solution.expected, solution.noise, strict=True)
         return [_RobotSums(np.outer(g, g), expected, noise, 1.0) for g, expected, noise in rows]
     return [
-        _RobotSums(
-            solution.score.T @ solution.score,
-            solution.expected.sum(axis=0),
-            solution.noise.sum(axis=0),
-            max(len(solution.score) - 1.0, 1.0),
-        )
-        for solution in solutions
+        _RobotSums(x.score.T @ x.score, x.expected.sum(axis=0), x.noise.sum(axis=0), max(len(x.score) - 1.0, 1.0))
+        for x in solutions
     ]
 
 
@@ -218,9 +212,7 @@ def _update_components(
 def _update_block(robot_sums: Sequence[_RobotSums], block: ParameterBlock, V: Array, avoid_zero: bool) -> Array:
     """Return W (m, m), the next V: the matrix with W M W = V R V, of squares R and their expectation M."""
     place = np.ix_(block, block)
-    squares, expected = (
-        np.array(entry) for entry in zip(*((x.square[place], x.expected[place]) for x in robot_sums), strict=True)
-    )
+    squares, expected = (np.array([getattr(x, name)[place] for x in robot_sums]) for name in ("square", "expected"))
     # Huber's bound on what one robot adds, with the expectation corrected for it
     upper, mean = _mean_square_bound(len(block) * np.array([entry.count for entry in robot_sums]))
     observed_square, expected_square = (np.einsum("kij,ji->k", x, V) for x in (squares, expected))
@@ -247,9 +239,8 @@ def _relative_change(
     """Return the largest relative change of a standard deviation, as far as the data tell it from zero."""
     old, new = np.diag(previous.covariance), np.diag(current.covariance)
     # components too small for the data to tell from zero do not delay convergence
-    information = np.sum([np.einsum("kii->i", run.expected) for run in solutions], axis=0) / sum(
-        len(run.score) for run in solutions
-    )
+    vectors = sum(len(run.score) for run in solutions)
+    information = np.sum([np.einsum("kii->i", run.expected) for run in solutions], axis=0) / vectors
     change = np.abs(np.log(np.maximum(new, 1e-300) / np.maximum(old, 1e-300))) * np.minimum(old * information, 1.0)
     return float(0.5 * max(change.max(initial=0.0), abs(np.log(current.inflation / previous.inflation))))
 
@@ -337,9 +328,8 @@ def scatter_of(
     sets = [vectors for vectors in sets if len(vectors.value) > 1]
     if not sets:
         return Scatter(VarianceComponents(blocks, np.zeros((b, b))), 0.0)
-    return Scatter(
-        variance_components(sets, blocks, inflate=True, start=None if start is None else start.variances), dof
-    )
+    known = None if start is None else start.variances
+    return Scatter(variance_components(sets, blocks, inflate=True, start=known), dof)
 
 
 def _runs_with_one_mean(logs: int, in_runs: bool) -> list[slice]:

@@ -77,12 +77,11 @@ def folder_names(names: Iterable[str]) -> dict[str, str]:
     >>> folder_names(["arm-1", "../etc"])
     {'arm-1': 'arm-1', '../etc': '_etc=f7f9121fdb53'}
     """
-    unique_names = list(dict.fromkeys(names))
-    count = Counter(name.casefold() for name in unique_names)
-    return {
-        name: name if PLAIN_NAME.fullmatch(name) and count[name.casefold()] == 1 else _digest_name(name)
-        for name in unique_names
-    }
+    folders = dict.fromkeys(names, "")
+    count = Counter(map(str.casefold, folders))
+    for name in folders:
+        folders[name] = name if PLAIN_NAME.fullmatch(name) and count[name.casefold()] == 1 else _digest_name(name)
+    return folders
 
 
 def _digest_name(name: str) -> str:

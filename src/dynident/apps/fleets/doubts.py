@@ -17,6 +17,7 @@ from dynident.apps.fleets.components import History, Scatter
 from dynident.models import Joint
 from dynident.regression import GroupKind, ParameterGroup
 from dynident.runtime import join_names
+from dynident.runtime.arrays import Array
 from dynident.runtime.jobs import Status
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
     from dynident.apps.fleets.result import FleetResult
 
-Array = NDArray[np.float64]
 MIN_DOUBTED_GROUPS = 3  # groups of a robot that change with one log, before the log is doubted
 MIN_ROBOTS, MAX_LOGS, MAX_BINS = 3, 4000, 60  # at least, at most, and at most, to look for what robots have in common
 PERMUTATIONS = 199
@@ -83,9 +83,7 @@ def common_groups(
     ]
     moves = (share > 0.5) & (share > max(chance))
     ends = np.cumsum([group.directions.shape[1] for group in groups])
-    return tuple(
-        group for group, group_moves in zip(groups, np.split(moves, ends[:-1]), strict=True) if group_moves.any()
-    )
+    return tuple(group for group, moving in zip(groups, np.split(moves, ends[:-1]), strict=True) if moving.any())
 
 
 def _direction_errors(history: History, groups: Sequence[ParameterGroup], scatter: Scatter) -> Array:
@@ -96,9 +94,8 @@ def _direction_errors(history: History, groups: Sequence[ParameterGroup], scatte
     weights = np.array([scatter.with_scatter(entry) for entry in history.information])
     mean = np.linalg.lstsq(weights.sum(axis=0), np.einsum("kij,kj->i", weights, history.value), rcond=None)[0]
     scores = np.einsum("kij,kj->ki", weights, history.value - mean)
-    return np.concatenate(
-        [_standardised_sizes(scores @ entry.directions, weights, entry.directions) for entry in groups], axis=1
-    )
+    directions = [group.directions for group in groups]
+    return np.concatenate([_standardised_sizes(scores @ D, weights, D) for D in directions], axis=1)
 
 
 def _standardised_sizes(scores: Array, weights: Array, directions: Array) -> Array:
@@ -222,35 +219,27 @@ def find_changes_and_residuals(
     if not residuals:
         return find_changes(histories, groups, parameter_rng, rate=rate, draws=_enough_draws(rate, draws))
     parameter_rate, residual_rate = rate * (1 - RESIDUAL_RATE_SHARE), rate * RESIDUAL_RATE_SHARE
-    parameter_changes = find_changes(
-        histories, groups, parameter_rng, rate=parameter_rate, draws=_enough_draws(parameter_rate, draws)
-    )
-    residual_changes = find_changes(
-        residuals, residual_groups(joints), residual_rng, rate=residual_rate, draws=_enough_draws(residual_rate, draws)
+    found, found_residuals = (
+        find_changes(logs, directions, search_rng, rate=share, draws=_enough_draws(share, draws))
+        for logs, directions, search_rng, share in (
+            (histories, groups, parameter_rng, parameter_rate),
+            (residuals, residual_groups(joints), residual_rng, residual_rate),
+        )
     )
     history_by_robot, joint_names = {history.robot: history for history in residuals}, {joint.name for joint in joints}
-    # drop residual changes that one log shows, or that a change of parameters explains
-    unexplained = [
-        x
-        for x in residual_changes.changes
-        if _is_lasting(x, history_by_robot[x.robot])
-        and not any(
-            _is_explanation(y, x, history_by_robot[x.robot].logs, joint_names) for y in parameter_changes.of(x.robot)
-        )
-    ]
     # as by Bonferroni, each search has its share of the rate, and p-values are divided by it
-    changes = [_scale_p_value(x, 1 - RESIDUAL_RATE_SHARE) for x in parameter_changes.changes] + [
-        _scale_p_value(x, RESIDUAL_RATE_SHARE) for x in unexplained
-    ]
-    chances = {
-        robot: min(
-            chance / (1 - RESIDUAL_RATE_SHARE), residual_changes.p_values.get(robot, 1.0) / RESIDUAL_RATE_SHARE, 1.0
-        )
-        for robot, chance in parameter_changes.p_values.items()
-    }
-    return Changes(
-        rate, tuple(changes), chances, parameter_changes.silent, parameter_changes.scatter, residual_changes.scatter
-    )
+    changes = [_scale_p_value(change, 1 - RESIDUAL_RATE_SHARE) for change in found.changes]
+    for change in found_residuals.changes:
+        residual = history_by_robot[change.robot]
+        # drop residual changes that one log shows, or that a change of parameters explains
+        explanations = (_is_explanation(x, change, residual.logs, joint_names) for x in found.of(change.robot))
+        if _is_lasting(change, residual) and not any(explanations):
+            changes.append(_scale_p_value(change, RESIDUAL_RATE_SHARE))
+    chances = {}
+    for robot, chance in found.p_values.items():
+        residual_chance = found_residuals.p_values.get(robot, 1.0) / RESIDUAL_RATE_SHARE
+        chances[robot] = min(chance / (1 - RESIDUAL_RATE_SHARE), residual_chance, 1.0)
+    return Changes(rate, tuple(changes), chances, found.silent, found.scatter, found_residuals.scatter)
 
 
 def _enough_draws(rate: float, draws: int) -> int:

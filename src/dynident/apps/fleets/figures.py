@@ -54,9 +54,8 @@ def trend_figure(trends: Sequence[ParameterTrend], start: datetime | None = None
     ``start`` is the date of day 0, None where there is none. Where there are more than ``MAX_POINTS`` logs,
     weighted means of neighbouring ones are drawn.
     """
-    figure = panels(
-        [plain(trend.unit) for trend in trends], 100 + 200 * len(trends), [plain(trend.name) for trend in trends]
-    )
+    units, names = ([plain(getattr(trend, field)) for trend in trends] for field in ("unit", "name"))
+    figure = panels(units, 100 + 200 * len(trends), names)
     _time_axis(figure, start)
     for row, trend in enumerate(trends, start=1):
         for curve in _trend_traces(trend, start, MAX_POINTS):
@@ -79,10 +78,8 @@ def robots_figure(trends: Sequence[ParameterTrend], start: datetime | None = Non
             figure.add(curve | {"showlegend": False}, row=k)
     _time_axis(figure, start, title="")
     figure.axes("y", range=_value_range(trends))
-    figure.layout["shapes"] = [
-        shape for k, trend in enumerate(trends, start=1) for shape in _change_shapes(trend, start, k)
-    ]
-    figure.layout["hovermode"] = "closest"
+    shapes = [shape for k, trend in enumerate(trends, start=1) for shape in _change_shapes(trend, start, k)]
+    figure.layout.update(shapes=shapes, hovermode="closest")
     return figure
 
 
@@ -152,12 +149,8 @@ def _merge_logs(trend: ParameterTrend, max_points: int) -> tuple[list[str], Arra
     """Return names, days, values and standard errors of at most ``max_points`` weighted means of neighbouring logs."""
     visible = np.flatnonzero(np.isfinite(trend.std) & np.isfinite(trend.value))
     if len(visible) <= max_points:
-        return (
-            [plain(trend.logs[int(k)]) for k in visible],
-            trend.days[visible],
-            trend.value[visible],
-            trend.std[visible],
-        )
+        names = [plain(trend.logs[int(k)]) for k in visible]
+        return names, trend.days[visible], trend.value[visible], trend.std[visible]
     parts = np.array_split(visible, max_points)
     # Weights are inverse variances; the floor keeps an exact value from an infinite weight
     weights = [1 / np.maximum(trend.std[part], 1e-12 * trend.std[visible].max()) ** 2 for part in parts]
@@ -207,11 +200,8 @@ def _value_range(trends: Sequence[ParameterTrend]) -> list[float] | None:
         finite = np.isfinite(trend.std) & np.isfinite(trend.value)
         # An interval far wider than the median would squeeze all others
         reliable = finite & (trend.std <= MAX_STD_RATIO * np.median(trend.std[finite])) if finite.any() else finite
-        ends += [
-            trend.value[reliable] - NORMAL_95 * trend.std[reliable],
-            trend.value[reliable] + NORMAL_95 * trend.std[reliable],
-        ]
-        ends += [trend.change_line[1]] if trend.change_line else []
+        value, half = trend.value[reliable], NORMAL_95 * trend.std[reliable]
+        ends += [value - half, value + half, *((trend.change_line[1],) if trend.change_line else ())]
     shown_values = np.concatenate(ends)
     if not shown_values.size:
         return None

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident._version import __version__
 from dynident.apps.fleets.components import History
@@ -33,6 +32,7 @@ from dynident.regression import (
     structural_base_parameters,
 )
 from dynident.runtime import DynidentError, InputError, ModelError, Noun, join_names
+from dynident.runtime.arrays import Array
 from dynident.runtime.jobs import Status
 from dynident.validation import robust_covariance
 
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
     import polars as pl
 
-Array = NDArray[np.float64]
 ITERATIONS = 3  # of the weights of the joints
 KEY = ("robot", "log", "recipe", "stamp")
 DAY = 86_400.0  # s
@@ -150,10 +149,11 @@ def residuals_of(rows: pl.DataFrame, start: datetime | None) -> Iterator[History
         is_valid = np.isfinite(residual) & (residual > 0)
         # the logarithm of the root mean square of N white samples has the variance 1 / (2 N)
         information = 2.0 * logs["samples"].to_numpy()[:, None] * is_valid
-        value = np.log(np.where(is_valid, residual, 1.0))
-        yield History(
-            robot, tuple(logs["log"]), _days_since(logs, start), value, information[:, :, None] * np.eye(value.shape[1])
+        value, information = (
+            np.log(np.where(is_valid, residual, 1.0)),
+            information[:, :, None] * np.eye(residual.shape[1]),
         )
+        yield History(robot, tuple(logs["log"]), _days_since(logs, start), value, information)
 
 
 def _logs_by_robot(rows: pl.DataFrame) -> Iterator[tuple[str, pl.DataFrame]]:
@@ -246,9 +246,8 @@ class LogIdentifier(Noun):
             for role, name in names.items()
         }
         text = settings_text(relocate_settings(self.recipe.of(log.robot) | specs, self.recipe.folder, place.parent), {})
-        sources = replace(
-            project.sources, configuration=SourceFile(str(real_path(place)), sha256(text.encode()).hexdigest(), text)
-        )
+        source = SourceFile(str(real_path(place)), sha256(text.encode()).hexdigest(), text)
+        sources = replace(project.sources, configuration=source)
         # logs with an address are read from local copies
         with ExitStack() as stack:
             files = {
@@ -260,11 +259,9 @@ class LogIdentifier(Noun):
             identification = replace(project, config=config, sources=sources).identify()
         # the result names the addresses instead of the temporary copies
         fetched = {str(files[role]): name for role, name in names.items() if is_address(name)}
-        logs = tuple(
-            replace(source_file, path=fetched.get(source_file.path, source_file.path))
-            for source_file in identification.provenance.logs
-        )
-        return replace(identification, provenance=replace(identification.provenance, logs=logs))
+        provenance = identification.provenance
+        logs = tuple(replace(file, path=fetched.get(file.path, file.path)) for file in provenance.logs)
+        return replace(identification, provenance=replace(provenance, logs=logs))
 
     def _files(self, identification: Identification) -> dict[str, bytes]:
         """Return the files of a run, with the configuration that repeats it."""
@@ -272,10 +269,8 @@ class LogIdentifier(Noun):
         if self.files is None or source is None:
             return {}
         files = {**self.files(identification), CONFIG: source.text}
-        return {
-            name: zlib.compress(text.encode("utf-8", "backslashreplace"), COMPRESSION_LEVEL)
-            for name, text in files.items()
-        }
+        encoded = {name: text.encode("utf-8", "backslashreplace") for name, text in files.items()}
+        return {name: zlib.compress(data, COMPRESSION_LEVEL) for name, data in encoded.items()}
 
 
 def model_of(recipe: FleetRecipe) -> tuple[Model, BaseParameters]:
@@ -301,9 +296,8 @@ def _gravity_and_tilt(recipe: FleetRecipe, robot: str) -> tuple[str, tuple[float
     model = recipe.of(robot).get("model")
     model = model if isinstance(model, Mapping) else {}
     tilt = model.get("base_tilt")
-    return str(model.get("gravity")), (tilt[0], tilt[1]) if isinstance(tilt, Sequence) and not isinstance(
-        tilt, str
-    ) else NO_TILT
+    tilt = tilt if isinstance(tilt, Sequence) and not isinstance(tilt, str) else NO_TILT
+    return str(model.get("gravity")), (tilt[0], tilt[1])
 
 
 @lru_cache(maxsize=16)
@@ -322,12 +316,11 @@ def _parse_recipe(text: str, path: Path, source: str, digest: str, is_level: boo
 def _quality_columns(identification: Identification) -> dict[str, Any]:
     """Return the columns of a row that say how good a result is."""
     # of several pieces, those of the first
-    errors = {validation.role: validation.errors for validation in reversed(identification.validations)}
+    validations = identification.validations
+    errors = {validation.role: validation.errors for validation in reversed(validations)}
     held_out = errors.get("validation")
     return {
-        "samples": sum(
-            validation.errors.samples for validation in identification.validations if validation.role == "train"
-        ),
+        "samples": sum(validation.errors.samples for validation in validations if validation.role == "train"),
         "verdict": None if held_out is None else judge(identification).use.value,  # without, none is good for anything
         "error": errors["train"].relative_error,
         "errors": list(errors["train"].per_joint.values()),

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from dynident.apps.fleets.components import History, VarianceComponents, pseudo_inverse, whiten
 from dynident.regression import ParameterGroup
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Candidate = tuple[int, int]  # the number of a group, and that of a course in time
 CHUNK = 10_000_000  # numbers that are drawn at once
 MIN_COLUMN_SHARE = 1e-7  # of a direction that no log shows, from the square root of its information
@@ -69,9 +69,8 @@ class LikelihoodRatios(Noun):
         group_slices = tuple(slice(*ends[k : k + 2]) for k in range(len(groups)))
         # columns that consist of rounding errors would be fitted as directions
         columns, magnitudes = rows @ directions, np.abs(rows) @ np.abs(directions)
-        columns[
-            :, :, np.linalg.norm(columns, axis=(0, 1)) <= MIN_COLUMN_SHARE * np.linalg.norm(magnitudes, axis=(0, 1))
-        ] = 0.0
+        size, largest = (np.linalg.norm(x, axis=(0, 1)) for x in (columns, magnitudes))
+        columns[:, :, size <= MIN_COLUMN_SHARE * largest] = 0.0
         return cls(rows, value, columns, group_slices, courses, _row_rotations(rows), dof)
 
     def clearest_change(self, selected: Sequence[Candidate], draws: NullDraws) -> tuple[Candidate | None, float]:
@@ -99,9 +98,8 @@ class LikelihoodRatios(Noun):
         rows = (flat - Q @ (Q.T @ flat)).reshape(self.value.shape)
         # make up for the degrees of freedom that the fit has taken
         shown_logs = int(np.count_nonzero(self.rows.any(axis=2)))
-        return np.asarray(
-            np.einsum("kij,ki->kj", self.rotations, rows) * np.sqrt(shown_logs / max(shown_logs - Q.shape[1], 1))
-        )
+        correction = np.sqrt(shown_logs / max(shown_logs - Q.shape[1], 1))
+        return np.asarray(np.einsum("kij,ki->kj", self.rotations, rows) * correction)
 
     def _draw_rows(self, draws: NullDraws, count: int) -> Array:
         """Return rows of errors (N, K, b), each log's those of one of the pool, with a sign by chance."""
@@ -169,10 +167,8 @@ class LikelihoodRatios(Noun):
 
     def _design(self, selected: Sequence[Candidate]) -> Array:
         """Return the columns (K b, q) of the base parameters and of the changes taken."""
-        change_columns = [
-            self.courses[s][:, None, None] * self.columns[:, :, self.group_slices[g]] for g, s in selected
-        ]
-        return np.concatenate([self.rows, *change_columns], axis=2).reshape(self.value.size, -1)
+        changes = (self.courses[s][:, None, None] * self.columns[:, :, self.group_slices[g]] for g, s in selected)
+        return np.concatenate([self.rows, *changes], axis=2).reshape(self.value.size, -1)
 
     def _known_basis(self, selected: Sequence[Candidate]) -> Array:
         """Return an orthonormal basis (K, b, q) of what is known: the base parameters and the changes taken."""

@@ -80,9 +80,7 @@ def fleet_recipe(
     data = load_yaml(config_text(path), str(path))
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: is no configuration: a mapping of settings is expected.")
-    recipe_settings = {
-        key: _model_as_mapping(key, value) for key, value in data.items() if key not in ("train", "validation")
-    }
+    recipe_settings = {key: _model_as_mapping(key, data[key]) for key in data if key not in ("train", "validation")}
     reading = {key: value for key in ("window", "width") if (value := getattr(settings, key))}
     requested = FleetRecipe(recipe_settings, path.parent, _changes_by_robot(settings, folder, path.parent), reading)
     _check_recipe(requested, settings.robots, path)
@@ -115,10 +113,8 @@ def merge_settings(settings: Mapping[str, Any], changes: Mapping[str, Any]) -> d
     """Return settings with others in their place; mappings are joined."""
     combined = dict(settings)
     for key, value in changes.items():
-        before = combined.get(key)
-        combined[key] = (
-            merge_settings(before, value) if isinstance(before, Mapping) and isinstance(value, Mapping) else value
-        )
+        is_joined = isinstance(combined.get(key), Mapping) and isinstance(value, Mapping)
+        combined[key] = merge_settings(combined[key], value) if is_joined else value
     return combined
 
 
@@ -130,14 +126,10 @@ def _changes_by_robot(settings: FleetSettings, old_folder: Path, folder: Path) -
     """Return what differs by robot, with names of files relative to a folder."""
     changes_by_robot = {}
     for robot, robot_changes in settings.robots.items():
-        changed_settings = {
-            name: _model_as_mapping(name, _plain_dicts(value)) for name, value in robot_changes.changes.items()
-        }
-        model = changed_settings.get("model")
+        changed = {name: _model_as_mapping(name, _plain_dicts(value)) for name, value in robot_changes.changes.items()}
+        model = changed.get("model")
         names_file = isinstance(model, str) or (isinstance(model, dict) and "file" in model)
-        changes_by_robot[robot] = (
-            relocate_settings(changed_settings, old_folder, folder) if names_file else changed_settings
-        )
+        changes_by_robot[robot] = relocate_settings(changed, old_folder, folder) if names_file else changed
     return changes_by_robot
 
 

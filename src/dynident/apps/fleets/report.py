@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from dynident.apps.fleets.changes import Change, Changes
 from dynident.apps.fleets.changes_report import (
     RobotTrends,
     change_table,
@@ -17,9 +18,11 @@ from dynident.apps.fleets.changes_report import (
     sort_by_severity,
     with_times,
 )
+from dynident.apps.fleets.components import History
 from dynident.apps.fleets.doubts import residual_groups
 from dynident.apps.fleets.figures import robots_figure, trend_figure
-from dynident.regression import GroupKind
+from dynident.apps.fleets.result import FleetResult
+from dynident.regression import GroupKind, ParameterGroup
 from dynident.report.page import (
     Badge,
     Beside,
@@ -28,6 +31,7 @@ from dynident.report.page import (
     Figure,
     Fold,
     Gallery,
+    Head,
     PageBlock,
     PageSection,
     PageTable,
@@ -38,17 +42,12 @@ from dynident.report.page import (
 from dynident.runtime import Use, count, join_names, number, percent
 from dynident.runtime.jobs import Status
 
-if TYPE_CHECKING:
-    from dynident.apps.fleets.changes import Change, Changes
-    from dynident.apps.fleets.components import History
-    from dynident.apps.fleets.result import FleetResult
-    from dynident.regression import ParameterGroup
-
 REPORT = "report.html"  # of a log, in its folder
 # logs, those of a robot at least, robots, failed logs
 MAX_LOGS, MIN_ROBOT_LOGS, MAX_ROBOTS, MAX_FAILED = 2000, 5, 300, 200
 MAX_REASON_LENGTH = 200  # letters of a reason
 Row = Mapping[str, Any]
+LOG_KEYS, REASON = ("log", "robot", "status"), Column("reason", numeric=False, prose=True)
 MAX_SENTENCES, MAX_TABLE_ROWS = 6, 200  # changes in sentences, and in the table
 # robots whose changes are drawn, those of them that are not folded, panels of a change
 MAX_DRAWN_ROBOTS, MAX_OPEN_ROBOTS, MAX_PANELS = 40, 8, 4
@@ -88,13 +87,9 @@ def failed_table(rows: Sequence[Row], max_rows: int = MAX_FAILED) -> Iterator[Pa
     """Yield the table of logs without a result, where there is one, with the reasons."""
     lost = failed_rows(rows)
     if lost:
-        heads = [Column(name, numeric=False) for name in ("log", "robot", "status")]
-        heads.append(Column("reason", numeric=False, prose=True))
-        cells = tuple(
-            (row["log"], row["robot"], row["status"], _shorten_reason(row["reason"] or "")) for row in lost[:max_rows]
-        )
+        cells = ((*(row[key] for key in LOG_KEYS), _shorten_reason(row["reason"] or "")) for row in lost[:max_rows])
         suffix = f", the first {max_rows} of {len(lost)}" if len(lost) > max_rows else ""
-        yield PageTable(tuple(heads), cells, f"Logs without a result{suffix}")
+        yield PageTable.of(LOG_KEYS, (REASON,), cells, f"Logs without a result{suffix}")
 
 
 def _shorten_reason(text: str) -> str:
@@ -106,8 +101,7 @@ def robot_table(rows: Sequence[Row], changes: Mapping[str, int], max_rows: int) 
     """Return the table of robots: logs, failures, last log and its error; robots with most changes come first."""
     logs = _rows_by_robot(rows)
     order = sorted(logs, key=lambda robot: (-changes.get(robot, 0), -len(failed_rows(logs[robot]))))
-    heads = [Column("robot", numeric=False), Column("type", numeric=False), Column("changes"), Column("logs")]
-    heads += [Column("failed"), Column("last log", numeric=False), Column("its error, %")]
+    heads = ("changes", "logs", "failed", Column("last log", numeric=False), "its error, %")
     cells = []
     for robot in order[:max_rows]:
         good = [row for row in logs[robot] if row["status"] == Status.OK]
@@ -115,7 +109,7 @@ def robot_table(rows: Sequence[Row], changes: Mapping[str, int], max_rows: int) 
         counts = map(str, (changes.get(robot, 0), len(logs[robot]), len(logs[robot]) - len(good)))
         cells.append((robot, logs[robot][0]["type"] or "", *counts, _date_text(last), number(last.get("error"), 3)))
     suffix = f", {max_rows} of {len(order)}" if len(order) > max_rows else ""
-    return PageTable(tuple(heads), tuple(cells), f"Robots{suffix}")
+    return PageTable.of(("robot", "type"), heads, cells, f"Robots{suffix}")
 
 
 def log_section(fleet: FleetResult) -> PageSection:
@@ -126,15 +120,10 @@ def log_section(fleet: FleetResult) -> PageSection:
     logs_per_robot = max(MIN_ROBOT_LOGS, MAX_LOGS // max(min(len(logs), MAX_ROBOTS), 1))
     blocks: list[PageBlock] = [_lead_text(rows, len(logs), logs_per_robot), *failed_table(rows)]
     joints = [joint.name for joint in fleet.base.joints]
-    order = list(logs)[:MAX_ROBOTS]
-    blocks += [
-        Fold(
-            f"{robot}: {count(len(logs[robot]), 'log')}"
-            + (f", {lost} without a result" if (lost := len(failed_rows(logs[robot]))) else ""),
-            (_log_table(logs[robot], joints, logs_per_robot),),
-        )
-        for robot in order
-    ]
+    for robot in list(logs)[:MAX_ROBOTS]:
+        lost = len(failed_rows(logs[robot]))
+        title = f"{robot}: {count(len(logs[robot]), 'log')}" + (f", {lost} without a result" if lost else "")
+        blocks.append(Fold(title, (_log_table(logs[robot], joints, logs_per_robot),)))
     return PageSection("Logs", tuple(blocks))
 
 
@@ -152,20 +141,18 @@ def _lead_text(rows: Sequence[Row], robots: int, logs_per_robot: int) -> str:
 def _log_table(rows: Sequence[Row], joints: Sequence[str], max_rows: int) -> PageTable:
     last_rows = rows[-max_rows:]
     has_held_out = any(row["held_out"] for row in last_rows)
-    heads = [Column(title, numeric=False) for title in ("log", "date", "status")]
-    heads += [Column("error, %"), Column("worst joint, %"), *[Column("held out, %")] * has_held_out]
-    heads += [Column("samples"), Column("time, s"), Column("reason", numeric=False, prose=True)]
+    heads: list[Head] = ["error, %", "worst joint, %", *["held out, %"] * has_held_out, "samples", "time, s", REASON]
     cells = []
     for row in last_rows:
         errors = [number(row["error"], 3), _worst_joint_text(row["errors"], joints)]
         errors += [number(max(row["held_out"]), 3) if row["held_out"] else "-"] if has_held_out else []
         cost = [str(row["samples"]) if row["samples"] else "-", number(row["seconds"], 2)]
-        cells.append(
-            (row["log"], _date_text(row), _status_word(row), *errors, *cost, _shorten_reason(row["reason"] or ""))
-        )
+        is_judged = row["status"] == Status.OK and row["verdict"]
+        status = Use(row["verdict"]).value if is_judged else str(row["status"])
+        cells.append((row["log"], _date_text(row), status, *errors, *cost, _shorten_reason(row["reason"] or "")))
     caption = f"The last {max_rows} of {len(rows)} logs" if len(rows) > max_rows else ""
     links = [relative_link(f"{row['folder']}/{REPORT}") if row["folder"] else "" for row in last_rows]
-    return PageTable(tuple(heads), tuple(cells), caption, tuple(links))
+    return PageTable.of(("log", "date", "status"), heads, cells, caption, links)
 
 
 def _rows_by_robot(rows: Sequence[Row]) -> dict[str, list[Row]]:
@@ -173,10 +160,6 @@ def _rows_by_robot(rows: Sequence[Row]) -> dict[str, list[Row]]:
     for row in rows:
         logs.setdefault(row["robot"], []).append(row)
     return logs
-
-
-def _status_word(row: Row) -> str:
-    return Use(row["verdict"]).value if row["status"] == Status.OK and row["verdict"] else str(row["status"])
 
 
 def _date_text(row: Row) -> str:
@@ -212,9 +195,7 @@ def fleet_findings(fleet: FleetResult) -> list[str]:
     quiet = [f"No change is found on {count(tested, 'robot')}."] if tested else []
     robots = _trends_by_robot(fleet, changes)
     reported = changes[:MAX_SENTENCES]
-    lines = [
-        change_words(change, fleet.start, robots[change.robot].mean_values(change.group)) for change in reported
-    ] or quiet
+    lines = [change_words(x, fleet.start, robots[x.robot].mean_values(x.group)) for x in reported] or quiet
     if len(changes) > MAX_SENTENCES:
         lines.append(f"The table of the report has {count(len(changes) - MAX_SENTENCES, 'more change')}.")
     if silent := [robot for type_changes in fleet.changes for robot in type_changes.silent]:
@@ -293,15 +274,12 @@ def _trends_by_robot(fleet: FleetResult, changes: Sequence[Change]) -> dict[str,
     statistics = {robot: type_changes for type_changes in fleet.changes for robot in type_changes.p_values}
     residuals = {history.robot: history for history in fleet.residuals}
     histories = {history.robot: history for history in fleet.histories}
-    order = [
-        *(robot for robot in robot_changes if robot in histories),
-        *(robot for robot in histories if robot not in robot_changes),
-    ]
     return {
         robot: _robot_trends(
             histories[robot], residuals.get(robot), robot_changes.get(robot, []), statistics.get(robot)
         )
-        for robot in order
+        for robot in dict.fromkeys((*robot_changes, *histories))
+        if robot in histories
     }
 
 
@@ -312,9 +290,8 @@ def _robot_trends(
     residual_changes = [change for change in changes if change.group.kind is GroupKind.RESIDUAL]
     scatter, residual_scatter = (statistics.scatter, statistics.residual_scatter) if statistics else (None, None)
     residual_trends = RobotTrends(residuals, residual_changes, residual_scatter) if residuals else None
-    return RobotTrends(
-        history, [change for change in changes if change not in residual_changes], scatter, residual_trends
-    )
+    parameter_changes = [change for change in changes if change not in residual_changes]
+    return RobotTrends(history, parameter_changes, scatter, residual_trends)
 
 
 def _changed_section(fleet: FleetResult, robots: Mapping[str, RobotTrends]) -> Iterator[PageSection]:
@@ -325,10 +302,8 @@ def _changed_section(fleet: FleetResult, robots: Mapping[str, RobotTrends]) -> I
         for k, trends in enumerate(changed[:MAX_DRAWN_ROBOTS]):
             figures_of = tuple(_change_figures(trends, fleet))
             blocks.append((PageSection if k < MAX_OPEN_ROBOTS else Fold)(trends.history.robot, figures_of))
-        if len(changed) > MAX_DRAWN_ROBOTS:
-            blocks.append(
-                f"The changes of {count(len(changed) - MAX_DRAWN_ROBOTS, 'more robot')} are in the table above only."
-            )
+        if (hidden := len(changed) - MAX_DRAWN_ROBOTS) > 0:
+            blocks.append(f"The changes of {count(hidden, 'more robot')} are in the table above only.")
         yield PageSection("Robots that changed", tuple(blocks))
 
 
@@ -340,10 +315,9 @@ def _change_figures(trends: RobotTrends, fleet: FleetResult) -> Iterator[Figure]
     for changes in groups.values():
         parameter_trends = trends.group_trends(changes[0].group)
         indices = list(dict.fromkeys(k for change in changes for k in clear_directions(change)))[:MAX_PANELS]
-        caption = _typeset_plus_minus(
-            " ".join(change_words(change, fleet.start, trends.mean_values(change.group)) for change in changes)
-        )
-        yield Figure(trend_figure([parameter_trends[k] for k in sorted(indices)], fleet.start), caption)
+        words = (change_words(change, fleet.start, trends.mean_values(change.group)) for change in changes)
+        figure = trend_figure([parameter_trends[k] for k in sorted(indices)], fleet.start)
+        yield Figure(figure, _typeset_plus_minus(" ".join(words)))
 
 
 def _all_section(fleet: FleetResult, robots: Mapping[str, RobotTrends]) -> Iterator[PageSection]:
@@ -393,6 +367,5 @@ def _method(fleet: FleetResult) -> Iterator[PageBlock]:
         ("base parameters", str(len(fleet.base.names))),
     ]
     yield pair_table("", facts)
-    meaning = tuple(zip(fleet.base.names, fleet.base.units, fleet.base.groupings, strict=True))
-    heads = tuple(Column(title, numeric=False) for title in ("parameter", "unit", "sum of"))
-    yield Fold("Base parameters", (PageTable(heads, meaning),))
+    meaning = zip(fleet.base.names, fleet.base.units, fleet.base.groupings, strict=True)
+    yield Fold("Base parameters", (PageTable.of(("parameter", "unit", "sum of"), (), meaning),))

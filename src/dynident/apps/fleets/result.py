@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.fleets.changes import Change, Changes, design
 from dynident.apps.fleets.components import (
@@ -24,11 +23,11 @@ from dynident.apps.fleets.components import (
 from dynident.models import Joint, Model
 from dynident.regression import BaseParameters, GroupKind, ParameterGroup
 from dynident.runtime import Noun, brief
+from dynident.runtime.arrays import Array
 
 if TYPE_CHECKING:
     import polars as pl
 
-Array = NDArray[np.float64]
 MIN_ROBOTS = 3  # robots that show a spread
 
 
@@ -85,9 +84,8 @@ def pool_robots(
     chance (Chung et al., 2013), and one odd robot is bounded in it and in the mean.
     """
     parameter_changes = [entry for entry in changes if entry.group.kind is not GroupKind.RESIDUAL]
-    baselines = [
-        baseline(entry, scatter, [x for x in parameter_changes if x.robot == entry.robot]) for entry in histories
-    ]
+    changes_of = {history.robot: [x for x in parameter_changes if x.robot == history.robot] for history in histories}
+    baselines = (baseline(history, scatter, changes_of[history.robot]) for history in histories)
     values, information = (np.array(stack) for stack in zip(*baselines, strict=True))
     # one vector for each robot, about the mean of their type
     vectors = whiten(values, information)
@@ -99,9 +97,7 @@ def pool_robots(
     for history, value, precision in zip(histories, values, information, strict=True):
         entry, share = _robot_posterior(history.robot, value, precision, solution.value, variances.covariance)
         mean_share = np.eye(len(value)) - share  # of the mean, whose error counts as well
-        robots.append(
-            Posterior(entry.robot, entry.value, entry.covariance + mean_share @ solution.covariance @ mean_share.T)
-        )
+        robots.append(replace(entry, covariance=entry.covariance + mean_share @ solution.covariance @ mean_share.T))
     return Population(solution.value, solution.covariance, variances.covariance, tuple(robots), weights)
 
 

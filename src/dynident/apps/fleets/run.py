@@ -97,23 +97,15 @@ def fleet(
         base = FleetBase.of(model, basis)
         files = run_files if folder is not None and settings.reports else None
         identifier = LogIdentifier(recipe, path.parent, base.names, files)
-        rows, new_count = _log_rows(
-            identifier, _log_jobs(logs, recipe), folder, JobOptions(executor, limits), rerun=rerun
-        )
+        jobs, options = _log_jobs(logs, recipe), JobOptions(executor, limits)
+        rows, new_count = _log_rows(identifier, jobs, folder, options, rerun=rerun)
         start = min((date for date in rows["date"] if date), default=None)
         groups = groups_of(model, basis)
         warnings = (*warnings, *_gone_warnings(rows, logs))
+        histories, residuals = tuple(histories_of(rows, start)), tuple(residuals_of(rows, start))
+        kinds = _robots_by_type(rows)
         result = FleetResult(
-            path.stem,
-            rows,
-            base,
-            tuple(histories_of(rows, start)),
-            groups,
-            _robots_by_type(rows),
-            start,
-            new_count,
-            warnings,
-            residuals=tuple(residuals_of(rows, start)),
+            path.stem, rows, base, histories, groups, kinds, start, new_count, warnings, residuals=residuals
         )
         rng = rng or np.random.default_rng(0)
         result = with_statistics(result, settings.false_alarms, rng)
@@ -134,12 +126,9 @@ def with_statistics(result: FleetResult, rate: float, rng: np.random.Generator) 
         histories = [history_by_robot[robot] for robot in robots if robot in history_by_robot]
         if histories:
             report_progress(f"looking for changes of {kind}")
-            residuals = [
-                residuals_by_robot[history.robot] for history in histories if history.robot in residuals_by_robot
-            ]
-            changes.append(
-                find_changes_and_residuals(histories, result.groups, residuals, result.base.joints, type_rng, rate=rate)
-            )
+            residuals = [residuals_by_robot[x.robot] for x in histories if x.robot in residuals_by_robot]
+            joints = result.base.joints
+            changes.append(find_changes_and_residuals(histories, result.groups, residuals, joints, type_rng, rate=rate))
         if len(histories) >= MIN_ROBOTS:
             populations[kind] = pool_robots(histories, result.groups, changes[-1].scatter, changes[-1].changes)
     return replace(result, changes=tuple(changes), pooled=populations)
@@ -154,9 +143,8 @@ def _log_rows(
     rerun: bool,
 ) -> tuple[pl.DataFrame, int]:
     """Return the rows of all logs, and how many of them are new; the others were known."""
-    with RowStore(
-        None if folder is None else folder / TABLE, schema(), KEY, rerun=rerun, retried={"status": FAILURES}
-    ) as store:
+    file = None if folder is None else folder / TABLE
+    with RowStore(file, schema(), KEY, rerun=rerun, retried={"status": FAILURES}) as store:
         # a row with the present recipe and file is not made again
         keys = {job: job.key for job in jobs}
         new_count = store.fill(work, keys, lambda result: _write_files(result, folder), options, "identifying logs")
@@ -209,9 +197,8 @@ def _present_rows(rows: pl.DataFrame, jobs: Sequence[LogJob], recipe: FleetRecip
     order = rows.columns
     present = rows.drop("type", "date").join(now, on=KEY, how="inner").select(order)
     digests = recipe.digests(rows["robot"].unique())
-    current_recipes = pl.DataFrame(
-        list(digests.items()), schema={"robot": pl.String, "recipe": pl.String}, orient="row"
-    )
+    text_columns = {"robot": pl.String, "recipe": pl.String}
+    current_recipes = pl.DataFrame(list(digests.items()), schema=text_columns, orient="row")
     # rows of the present recipe whose log is not listed any more
     gone = rows.join(current_recipes, on=["robot", "recipe"], how="semi").join(now, on=["robot", "log"], how="anti")
     gone = gone.filter(pl.col("status") == Status.OK).unique(["robot", "log"], keep="last", maintain_order=True)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.init.match import (
     Match,
@@ -29,8 +28,7 @@ from dynident.identification import held_joints
 from dynident.project.columns import ColumnFamily, families, read_name
 from dynident.project.fields import POSITIONS, TORQUES, UNITS
 from dynident.project.signals import unwrap
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 _LOCK_DECIMALS = 6  # digits of locked positions
 _MAX_LOCKED_MOTION = 1e-3  # rad or m: a locked joint that moves more raises a question
@@ -109,9 +107,8 @@ def map_columns(
     """
     usable = [joint for joint in joints if not joint.follows]
     # names first; values only where the names say nothing or match no position and torque
-    column_families = families(table.columns, [joint.name for joint in joints]) or headerless_families(
-        table, len(usable)
-    )
+    named = families(table.columns, [joint.name for joint in joints])
+    column_families = named or headerless_families(table, len(usable))
     position, torque = best_pair(table, column_families, usable)
     nameless = all(name.isdecimal() for name in table.columns) or position is torque is None
     # values are compared only here, as this is slower and less certain than names
@@ -121,11 +118,8 @@ def map_columns(
     # joints that never move are locked, unless this would leave none to identify
     names = _joints_to_identify(position, torque, usable)
     signals = _position_channels(table, usable, position, ros)
-    still = (
-        _still_joints([table, *other_tables], [joint for joint in usable if joint.name in names], signals)
-        if lockable
-        else ()
-    )
+    found = [joint for joint in usable if joint.name in names]
+    still = _still_joints([table, *other_tables], found, signals) if lockable else ()
     names = names.difference(still) or names
     identified_joints = [joint for joint in usable if joint.name in names]
     rows = match_length(table, position or torque)
@@ -134,11 +128,12 @@ def map_columns(
     commands = command_columns(table, usable, position) if torque is None else {}
     left = [name for name in _unused_columns(table, rows, time, matches.values()) if name not in commands.values()]
     locked = _lock_positions(table, joints, names, signals)
+    positions = (
+        (joint.name, signals.get(joint.name, _missing_channel(joint, POSITIONS))) for joint in identified_joints
+    )
     return ColumnMapping(
         time=time,
-        position={
-            joint.name: signals.get(joint.name, _missing_channel(joint, POSITIONS)) for joint in identified_joints
-        },
+        position=dict(positions),
         torque=_torque_channels(table, identified_joints, torque, ros),
         lock={name: (q, "" if name in still else why) for name, (q, why) in locked.items()},
         reasons={key: match.reason + _unit_reason(match.family, ros) for key, match in matches.items()},
@@ -185,12 +180,9 @@ def _unknown_joint_columns(
     """Return the position columns that name no joint, where the other positions are matched by name."""
     if position is None or not all(isinstance(key, str) for key in position.family.columns):
         return ()
-    parsed_names = (read_name(column, [joint.name for joint in joints]) for column in unused)
-    return tuple(
-        name.column
-        for name in parsed_names
-        if name.role == "position" and name.joint is None and name.rank == position.family.rank
-    )
+    parsed = [read_name(column, [joint.name for joint in joints]) for column in unused]
+    like = ("position", None, position.family.rank)
+    return tuple(name.column for name in parsed if (name.role, name.joint, name.rank) == like)
 
 
 def _joints_to_identify(position: Match | None, torque: Match | None, joints: Sequence[MovableJoint]) -> set[str]:
@@ -212,9 +204,8 @@ def _position_channels(
     turns = {joint.name: turn_size(values[joint.name], units.get(match.columns[joint.name], "")) for joint in joints
              if joint.kind == "revolute"}  # fmt: skip
     values = {name: unwrap(q, turns.get(name)) for name, q in values.items()}
-    degrees = (
-        "" if ros else _degrees_question([(joint, values[joint.name]) for joint in joints if joint.kind == "revolute"])
-    )
+    revolute = [(joint, values[joint.name]) for joint in joints if joint.kind == "revolute"]
+    degrees = "" if ros else _degrees_question(revolute)
     return {
         joint.name: replace(_position_channel(joint, values[joint.name], match, degrees), wraps=turns.get(joint.name))
         for joint in joints
@@ -271,12 +262,9 @@ def _is_within_reach(joint: MovableJoint, q: Array, factor: float) -> bool:
 def _is_motor_side(joint: MovableJoint, q: Array) -> bool:
     """Return whether positions in rad or m span far more than the limits of the joint, as those of motors do."""
     lower, upper = joint.limits.lower, joint.limits.upper
-    return (
-        len(q) > 0
-        and lower is not None
-        and upper is not None
-        and 0 < _MAX_LIMIT_RATIO * (upper - lower) < float(np.ptp(q))
-    )
+    if lower is None or upper is None or not len(q):
+        return False
+    return 0 < _MAX_LIMIT_RATIO * (upper - lower) < float(np.ptp(q))
 
 
 def _unit_question(joint: MovableJoint, q: Array) -> str:
@@ -284,14 +272,11 @@ def _unit_question(joint: MovableJoint, q: Array) -> str:
     if not len(q):
         return "the column is empty"
     span, low, high = float(np.ptp(q)), f"{q.min():.3g}", f"{q.max():.3g}"
-    if joint.kind == "prismatic":
-        return (
-            ""
-            if _is_within_reach(joint, q, 1.0)
-            else f"{low} to {high} is more than the joint can move in m: is it in mm?"
-        )
+    slides = joint.kind == "prismatic"
     if _is_within_reach(joint, q, 1.0):
-        return "" if span > 0.02 or span == 0 else f"the joint moves by only {span:.2g}: is it in rad?"
+        return "" if slides or span > 0.02 or span == 0 else f"the joint moves by only {span:.2g}: is it in rad?"
+    if slides:
+        return f"{low} to {high} is more than the joint can move in m: is it in mm?"
     # a joint without limits may turn several times: ask before it is called degrees
     if joint.limits.lower is None and span > 2 * math.pi:
         return (

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.init.column_mapping import ChannelProposal, ColumnMapping, widths
 from dynident.apps.init.match import MovableJoint
@@ -28,8 +27,8 @@ from dynident.project.fields import UNITS
 from dynident.project.logs import read_recording
 from dynident.project.settings import LogSpec
 from dynident.runtime import InputError, choices, join_names
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 _TRAINING_SHARE = 0.7  # of a single log
 _MAX_MEASURED_VALUE = 1e100  # of values that can have been measured
 _GAIN_QUESTION = (
@@ -67,10 +66,8 @@ def read_source(log: str) -> LogSource:
     if len(files) < len(paths):
         raise InputError(f"{log}: two of the files have the same name; rename one, or write the configuration by hand.")
     column_widths = widths({key: read_columns(path) for key, path in files.items()})
-    spec = LogSpec.model_validate(
-        {"file": {key: str(path) for key, path in files.items()}, "width": column_widths or None}
-    )
-    return LogSource(files, column_widths, read_recording(spec))
+    spec = {"file": {key: str(path) for key, path in files.items()}, "width": column_widths or None}
+    return LogSource(files, column_widths, read_recording(LogSpec.model_validate(spec)))
 
 
 def _short_names(stems: Sequence[str]) -> list[str]:
@@ -106,16 +103,10 @@ class ConfigDraft:
 
 def check_same_columns(mapping: ColumnMapping, sources: Sequence[LogSource]) -> None:
     """Raise InputError where a later recording lacks a column that was mapped in the first."""
-    mapped_columns = [
-        mapping.time.column,
-        *(
-            channel.column
-            for channels in (mapping.position, mapping.torque, mapping.command)
-            for channel in channels.values()
-        ),
-    ]
+    sections = (mapping.position, mapping.torque, mapping.command)
+    channels = [channel for section in sections for channel in section.values()]
     for source in sources[1:]:
-        for name in filter(None, mapped_columns):
+        for name in filter(None, (mapping.time.column, *(channel.column for channel in channels))):
             if name not in source.table.columns:
                 raise InputError(
                     f"{source.table.source}: has no column {name!r}, unlike {sources[0].table.source}; "
@@ -132,9 +123,8 @@ def draft_config(
     The last log is held out for validation; a single one is cut into two windows.
     """
     page = _Page([], [], [])
-    page.line(
-        "# For `dynident identify`. Every proposal has its reason beside it; confirm or correct those marked `# ?`."
-    )
+    start = "# For `dynident identify`. Every proposal has its reason beside it"
+    page.line(f"{start}; confirm or correct those marked `# ?`.")
     _write_model(page, robot, joints, mapping, folder)
     for guess in dict.fromkeys(guess for source in sources for guess in source.table.guesses):
         page.ask("file", f"{guess} Is this right?")

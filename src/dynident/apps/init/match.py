@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.files.tables import DataTable
 from dynident.files.xml_text import SUFFIXES
@@ -21,8 +20,8 @@ from dynident.project.columns import ColumnFamily, tokens
 from dynident.project.config import load_model, robot_text
 from dynident.project.fields import UNITS
 from dynident.runtime import ModelError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 _MAX_VALUE = 1e100
 # turns: the step of an angle that starts anew, and the range of its values
 _MIN_JUMP_TURNS, _MIN_SPAN_TURNS = 0.9, 0.97
@@ -77,11 +76,8 @@ def best_pair(
     quantities are never used, currents only where there are no torques.
     """
     joints_by_number = _stated_joints(table, joints)
-    matches = [
-        match
-        for match in (match_family(family, joints, joints_by_number) for family in column_families if family.rank > -2)
-        if match.columns
-    ]
+    used = (match_family(family, joints, joints_by_number) for family in column_families if family.rank > -2)
+    matches = [match for match in used if match.columns]
     positions = [match for match in matches if match.family.role == "position"]
     torques = [match for match in matches if match.family.role in ("torque", "current")]
     # all pairs of one length are compared, each also without its partner: positions alone beat a wrong pair
@@ -118,12 +114,9 @@ def _ask_about_rivals(table: DataTable, match: Match | None, candidates: Iterabl
         return family.role, family.rank, set(columns), match_length(table, candidate)
 
     # rivals are equal in all that the choice was made by, so that the order of the file decided
-    rivals = [
-        next(iter(candidate.columns.values()))
-        for candidate in candidates
-        if candidate is not match and key(candidate) == key(match)
-    ]
-    rival_question = f"why not {' or '.join(map(repr, rivals))}, whose name has the same meaning?" if rivals else ""
+    others = (candidate for candidate in candidates if candidate is not match and key(candidate) == key(match))
+    rivals = " or ".join(repr(next(iter(candidate.columns.values()))) for candidate in others)
+    rival_question = f"why not {rivals}, whose name has the same meaning?" if rivals else ""
     return replace(match, question="; ".join(filter(None, (match.question, rival_question))))
 
 
@@ -212,12 +205,8 @@ def turn_size(q: Array, unit: str) -> float | None:
     steps, span = np.abs(np.diff(q)), float(np.ptp(q)) if len(q) else 0.0
     for size in sizes:
         # wraps are jumps of nearly a turn within a span of one turn, with small steps in between
-        jumps = steps > _MIN_JUMP_TURNS * size
-        if (
-            jumps.any()
-            and _MIN_SPAN_TURNS * size < span < size * (1 + 1e-6)
-            and steps[~jumps].max(initial=0.0) < 0.25 * size
-        ):
+        jumps, is_turn = steps > _MIN_JUMP_TURNS * size, _MIN_SPAN_TURNS * size < span < size * (1 + 1e-6)
+        if jumps.any() and is_turn and steps[~jumps].max(initial=0.0) < 0.25 * size:
             return round(size, 12)
     return None
 
@@ -254,12 +243,8 @@ def _find_stamps(
     table: DataTable, column_families: Iterable[ColumnFamily], rows: int, nameless: bool
 ) -> tuple[str, str | None, str] | None:
     """Return the column of the stamps, by its name or else its values, the unit in its name, and a question."""
-    candidates = [
-        (column, family.units.get(column))
-        for family in column_families
-        if family.role == "time"
-        for column in family.columns.values()
-    ]
+    clocks = [family for family in column_families if family.role == "time"]
+    candidates = [(column, family.units.get(column)) for family in clocks for column in family.columns.values()]
     # the unit of a column type outweighs that in its name; columns of dates are candidates without a telling name
     candidates = [*((name, table.units.get(name, unit)) for name, unit in candidates), *table.units.items()]
     stamps = [(name, unit) for name, unit in candidates if len(table.columns[name]) == rows]
@@ -295,19 +280,19 @@ def _find_clock(table: DataTable, rows: int, several: bool) -> tuple[str, str | 
     clocks = []
     for name, column in table.columns.items():
         if len(column) == rows >= _MIN_CLOCK_SAMPLES and is_increasing(column):
-            steps = np.diff(column)
+            ratios = np.diff(column) / np.median(np.diff(column))
             # the median of the deviations ignores a few gaps, which the maximum bounds
-            if (
-                steps.max() < _GAP_RATIO * np.median(steps)
-                and np.median(np.abs(steps / np.median(steps) - 1)) < _MAX_STEP_DEVIATION
-            ):
+            if ratios.max() < _GAP_RATIO and np.median(np.abs(ratios - 1)) < _MAX_STEP_DEVIATION:
                 clocks.append(name)
     if not clocks or (len(clocks) > 1 and not several):
         return None
-    # sample counters come last, and columns in seconds first
-    ranked = sorted(
-        clocks, key=lambda name: (_is_counter(table.columns[name]), not _is_in_seconds(table.columns[name]))
-    )
+
+    def rank(name: str) -> tuple[bool, bool]:
+        """Sample counters come last, and columns in seconds first."""
+        column = table.columns[name]
+        return _is_counter(column), not _MIN_STEP <= _median_step(column) <= _MAX_STEP
+
+    ranked = sorted(clocks, key=rank)
     words = re.split("[^a-z]+", ranked[0].lower())
     question = "the only column that increases evenly: is it the time?"
     if ranked[1:]:
@@ -318,10 +303,6 @@ def _find_clock(table: DataTable, rows: int, several: bool) -> tuple[str, str | 
 def _is_counter(column: Array) -> bool:
     """Return whether stamps count samples, or ms."""
     return _median_step(column) == 1 and float(finite_values(column)[0]).is_integer()
-
-
-def _is_in_seconds(column: Array) -> bool:
-    return _MIN_STEP <= _median_step(column) <= _MAX_STEP
 
 
 def _epoch_unit(column: Array) -> str | None:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from dynident.apps.init.match import Match, MovableJoint, is_increasing
 from dynident.files.tables import DataTable
 from dynident.project.columns import ColumnFamily
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MAX_SAMPLES = 20_000  # of the recording, at most
@@ -62,7 +62,8 @@ def match_by_shape(table: DataTable, joints: Sequence[MovableJoint]) -> tuple[Ma
     X = _complete_rows(np.column_stack([table.columns[name] for name in names])[:MAX_SAMPLES])
     if len(X) < MIN_SAMPLES:
         return None, None
-    starts = _block_starts(len(names), n)
+    # at multiples of n where the columns make whole blocks, else anywhere
+    starts = range(0, len(names) - n + 1, n if len(names) % n == 0 else 1)
     blocks = {k: _ColumnBlock(k, tuple(names[k : k + n])) for k in starts}
     chain, reason = _find_motion(X, starts, n, joints)
     if not chain:
@@ -103,11 +104,6 @@ def _block_match(role: str, block: _ColumnBlock, joints: Sequence[MovableJoint],
     return Match(ColumnFamily(role, 0, dict(enumerate(block.names))), columns, "matched by their values", question)
 
 
-def _block_starts(count: int, n: int) -> list[int]:
-    """Return where blocks may start: at multiples of n where the columns make whole blocks, else anywhere."""
-    return list(range(0, count - n + 1, n if count % n == 0 else 1))
-
-
 def _is_separate(start: int, other_starts: Sequence[int], n: int) -> bool:
     return all(abs(start - other_start) >= n for other_start in other_starts)
 
@@ -141,11 +137,8 @@ def _block_diagonal(C: Array, row_start: int, column_start: int, moving: Mask, n
 
 
 def _min_correlation(C: Array, row_start: int, column_start: int, moving: Mask, n: int) -> float:
-    return (
-        float(_block_diagonal(C, row_start, column_start, moving, n).min(initial=1.0))
-        if moving[row_start : row_start + n].any()
-        else 0.0
-    )
+    entries = _block_diagonal(C, row_start, column_start, moving, n)
+    return float(entries.min(initial=1.0)) if len(entries) else 0.0
 
 
 def _find_motion(X: Array, starts: Sequence[int], n: int, joints: Sequence[MovableJoint]) -> tuple[list[int], str]:
@@ -163,11 +156,8 @@ def _find_motion(X: Array, starts: Sequence[int], n: int, joints: Sequence[Movab
         a, b = max(position_pairs, key=lambda pair: (int(moving[pair[0] : pair[0] + n].sum()), pairs[pair]))
         unit = float(np.median(_block_diagonal(slope, a, b, moving, n)))
         # an acceleration is the derivative of the velocity in the same unit of time
-        ratios = {
-            d: float(np.median(_block_diagonal(slope, b, d, moving, n))) / unit
-            for source, d in pairs
-            if source == b and d != a
-        }
+        third = [d for source, d in pairs if source == b and d != a]
+        ratios = {d: float(np.median(_block_diagonal(slope, b, d, moving, n))) / unit for d in third}
         accelerations = [d for d, ratio in ratios.items() if 1 / MAX_UNIT_RATIO < ratio < MAX_UNIT_RATIO]
         return [a, b, *accelerations], f"their derivative is in the file, too (correlation {pairs[a, b]:.3f})"
     # no derivative in the file: of the blocks within reach of the joints the smoothest is the position
@@ -200,11 +190,8 @@ def _roughness(X: Array) -> float:
 def _twin_blocks(X: Array, start: int, starts: Sequence[int], n: int) -> list[int]:
     """Return the other blocks that are nearly equal, such as commanded positions."""
     C, moving = _correlation(X, X), np.ptp(X, axis=0) > MIN_MOTION
-    return [
-        k
-        for k in starts
-        if _is_separate(k, [start], n) and _min_correlation(C, start, k, moving, n) > MIN_TWIN_CORRELATION
-    ]
+    others = [k for k in starts if _is_separate(k, [start], n)]
+    return [k for k in others if _min_correlation(C, start, k, moving, n) > MIN_TWIN_CORRELATION]
 
 
 def _find_torque(
@@ -242,13 +229,8 @@ def _find_torque(
 def _usual_peak_count(joints: Sequence[MovableJoint], X: Array) -> float:
     """Return for how many joints the peaks of columns (N, n) are usual for the effort limits."""
     peaks = zip(joints, np.abs(X).max(axis=0), strict=True)
-    return float(
-        sum(
-            EFFORT_PEAK_RANGE[0] < peak / joint.limits.effort < EFFORT_PEAK_RANGE[1]
-            for joint, peak in peaks
-            if joint.limits.effort
-        )
-    )
+    ratios = [peak / joint.limits.effort for joint, peak in peaks if joint.limits.effort]
+    return float(sum(EFFORT_PEAK_RANGE[0] < ratio < EFFORT_PEAK_RANGE[1] for ratio in ratios))
 
 
 def _torque_features(q: Array) -> list[Array]:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from dynident.apps.online.scores import Reference, Scores, Sums
 from dynident.regression import GroupKind, ParameterGroup
 from dynident.runtime import Noun, brief
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MIN_DIRECTION_SHARE = 1e-6  # of the largest information of a direction of the group: less is none
 BLOCKS_PER_HOUR = 720  # blocks that are drawn together, with one scatter
 SIMULATED_HOURS = 160
@@ -157,10 +157,8 @@ class Candidates(Noun):
     @cached_property
     def directions(self) -> Array:
         """Directions (r, M) of all groups of base parameters, scaled like these."""
-        empty = np.zeros((len(self.scale), 0))
-        return np.hstack(
-            [empty, *(self.scale[:, None] * group.directions for group in self.groups if is_base_group(group))]
-        )
+        base = (self.scale[:, None] * group.directions for group in self.groups if is_base_group(group))
+        return np.hstack([np.zeros((len(self.scale), 0)), *base])
 
     @cached_property
     def group_slices(self) -> tuple[slice, ...]:
@@ -229,9 +227,8 @@ class Candidates(Noun):
         root, AD = np.sqrt(reference.spread), sums["information"] @ self.directions
         information = self.directions.T @ AD
         squares = np.einsum("smm->sm", information) / sums["samples"][:, None]
-        variances = tolerance**2 / np.maximum(
-            squares, MIN_INFORMATION_SHARE * squares.max(axis=1, keepdims=True, initial=MIN_POSITIVE)
-        )
+        largest = squares.max(axis=1, keepdims=True, initial=MIN_POSITIVE)
+        variances = tolerance**2 / np.maximum(squares, MIN_INFORMATION_SHARE * largest)
         # each direction may wander by the tolerance: its variance is larger where a window holds less information
         error = AD.swapaxes(1, 2) @ reference.covariance @ AD + information @ (variances[:, :, None] * information)
         # scatter of blocks, error of the reference and the tolerance add up
@@ -241,9 +238,7 @@ class Candidates(Noun):
         self, reference: Reference, sums: Mapping[str, Array], group_indices: Sequence[int]
     ) -> ReferenceUpdate:
         """Estimate by how much some groups together differ from the reference in a window."""
-        columns = np.concatenate(
-            [np.arange(*self.group_slices[g].indices(self.directions.shape[1])) for g in group_indices]
-        )
+        columns = np.concatenate([np.r_[self.group_slices[g]] for g in group_indices])
         D, root = self.directions[:, columns], np.sqrt(reference.spread[columns])
         information, covariance = (matrix[0][np.ix_(columns, columns)] for matrix in self.covariances(reference, sums))
         scale = np.sqrt(np.maximum(np.diag(information), MIN_POSITIVE))
@@ -276,9 +271,8 @@ class Candidates(Noun):
         count, std = counts[:, j], float(reference.left_std[j])
         is_known = (count > 0) & np.isfinite(std)
         variance = count + (count * self._residual_wander(reference)[j]) ** 2 if np.isfinite(std) else count
-        return np.divide(residuals[:, j] ** 2, variance, out=np.zeros(len(count)), where=is_known), is_known.astype(
-            np.intp
-        )
+        gain = np.divide(residuals[:, j] ** 2, variance, out=np.zeros(len(count)), where=is_known)
+        return gain, is_known.astype(np.intp)
 
 
 @cache

@@ -14,12 +14,12 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.online.candidates import Candidates, is_base_group, residual_joint
 from dynident.apps.online.scores import Reference, Scores, Sums, build_reference, push_sums, suffix_sums
 from dynident.regression import GroupKind
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,6 @@ class Resumed(Event):
     last: float
 
 
-Array = NDArray[np.float64]
 # of the scatter of a block: a larger error of the reference in a group says that its motion is new
 NEW_MOTION_ERROR = 0.5
 NEW_MOTION_BLOCKS = 12  # blocks of new motion in a row that are said
@@ -264,9 +263,8 @@ class Detector(Noun):
         late_blocks = blocks[len(blocks) // 2 :]
         if (group_index := self._find_unsteady_group(blocks[: len(blocks) // 2], late_blocks)) is not None:
             group = self.candidates.groups[group_index]
-            return replace(knowledge, blocks=late_blocks), (
-                Unsteady(block.stop, group.kind, group.joint, blocks[0].start),
-            )
+            unsteady = Unsteady(block.stop, group.kind, group.joint, blocks[0].start)
+            return replace(knowledge, blocks=late_blocks), (unsteady,)
         reference = build_reference(blocks, self.candidates.directions)
         residual, identified = (tuple(map(float, values)) for values in (reference.residual, self.identified))
         event = BaselineKnown(block.stop, blocks[0].start, residual, identified)
@@ -325,9 +323,8 @@ class Detector(Noun):
         error = (AD * (reference.unknown @ AD)).sum(axis=0)  # a change that was measured is no new motion
         is_shown = scatter > 1e-9 * scatter.max(initial=1e-300)
         ratio = np.divide(error, scatter, out=np.zeros_like(scatter), where=is_shown)
-        return max(
-            (float(ratio[part].mean()) for part in self.candidates.group_slices if part.stop > part.start), default=0.0
-        )
+        parts = (part for part in self.candidates.group_slices if part.stop > part.start)
+        return max((float(ratio[part].mean()) for part in parts), default=0.0)
 
     def _select_groups(self, reference: Reference, sums: dict[str, Array]) -> dict[int, float]:
         """Return the groups that have changed in a window after an alarm with their evidence, the clearest first."""
@@ -350,9 +347,7 @@ class Detector(Noun):
         self, reference: Reference, sums: dict[str, Array], changed_groups: dict[int, float]
     ) -> Reference:
         base = [g for g in changed_groups if is_base_group(self.candidates.groups[g])]
-        if not base:
-            return reference
-        return self.candidates.estimate_update(reference, sums, base).apply_to(reference)
+        return self.candidates.estimate_update(reference, sums, base).apply_to(reference) if base else reference
 
     def _apply_changes(
         self,

@@ -15,15 +15,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.checks import MAX_GAP_STEPS
 from dynident.motion.log import Motion
 from dynident.motion.smoothers import decay
 from dynident.motion.splines import Fixed, smooth
 from dynident.runtime import ConfigError, InputError, Noun, join_names
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 SIGNALS = ("t", "q", "dq", "ddq", "tau", "mask", "memory")
 MIN_SAMPLES = 2  # samples of a motion
 DEFAULT_ACCURACY = 1e-10  # what is left of the error at a cut, by default
@@ -169,11 +169,9 @@ class FixedLag:
             )
         self._decay = max(decay(float(width), self.step) for width in self.bandwidth)
         # as many samples before a cut as it takes for its error to fade, and enough for a spline
-        self._before = (
-            math.ceil(math.log(DEFAULT_ACCURACY) / math.log(self._decay)) + MIN_SPLINE_SAMPLES
-            if self._decay < 1
-            else MAX_LAG
-        )
+        self._before = MAX_LAG
+        if self._decay < 1:
+            self._before = math.ceil(math.log(DEFAULT_ACCURACY) / math.log(self._decay)) + MIN_SPLINE_SAMPLES
         self._lag = self._before if lag is None else round(lag / self.step) if 0 <= lag < math.inf else 0
         self._every = max(MIN_WINDOW, self._lag) if window is None else window
         if (lag is not None and not lag >= 0) or not 2 <= self._every <= MAX_LAG or not self._lag < MAX_LAG:
@@ -284,31 +282,24 @@ class FixedLag:
             room = self._done + self._every + self._lag - self._filled
             rows, target = slice(start, start + room), slice(self._filled, self._filled + min(room, len(t) - start))
             self._t[target], self._q[target], self._tau[target] = t[rows], q[rows], tau[rows]
-            start, self._filled, self._last = (
-                target.stop - target.start + start,
-                target.stop,
-                float(self._t[target.stop - 1]),
-            )
+            start, self._filled = start + target.stop - target.start, target.stop
+            self._last = float(self._t[target.stop - 1])
             if self._filled == self._done + self._every + self._lag:
                 motions += self._smooth_window(self._filled - self._lag)
-                self._drop()
+                # drop the samples that no longer matter
+                if (excess := self._done - self._before) > 0:
+                    for x in (self._t, self._q, self._tau):
+                        x[: self._filled - excess] = x[excess : self._filled].copy()
+                    self._filled, self._done = self._filled - excess, self._before
         return motions
-
-    def _drop(self) -> None:
-        """Drop the samples that no longer matter."""
-        if (excess := self._done - self._before) > 0:
-            for x in (self._t, self._q, self._tau):
-                x[: self._filled - excess] = x[excess : self._filled].copy()
-            self._filled, self._done = self._filled - excess, self._before
 
     def _smooth_window(self, stop: int, *, ended: bool = False) -> tuple[FinalMotion, ...]:
         """Smooth the buffer, and return the motion that was not returned before, up to ``stop``."""
         buffered, delivered = slice(0, self._filled), slice(self._done, stop)
         # the smoothing parameter in units of samples: bandwidth^4 over the step
         rule = Fixed(lam=(self.bandwidth**4 / self.step).tolist())
-        fit = smooth(
-            self._t[buffered], self._q[buffered], rule, sigma=1.0, names=[f"joint {name!r}" for name in self.joints]
-        )
+        names = [f"joint {name!r}" for name in self.joints]
+        fit = smooth(self._t[buffered], self._q[buffered], rule, sigma=1.0, names=names)
         t = self._t[delivered].copy()
         margin = self._ends * (float(self.bandwidth.max()) + self.step)
         # near the ends of a stretch derivatives are not reliable

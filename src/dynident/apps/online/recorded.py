@@ -74,9 +74,7 @@ class RecordedFile:
             columns = [self._column(table, name) for name in sorted(self._needed)]
             rows = min(map(len, columns))
             if rows < max(map(len, columns)):
-                raise InputError(
-                    f"{table.source}: the columns of the configuration differ in length: it has several logs."
-                )
+                raise InputError(f"{table.source}: the configuration's columns differ in length: it has several logs.")
             for start in range(max(first_row - at, 0), rows, LINE_ROWS):
                 values = np.stack([column[start : start + LINE_ROWS] for column in columns], axis=1).tolist()
                 yield [json.dumps(dict(zip(sorted(self._needed), row, strict=True))) for row in values]

@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -40,8 +41,8 @@ from dynident.regression import (
     structural_base_parameters,
 )
 from dynident.runtime import ConfigError, InputError, call_part
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 PANEL_COLUMNS = 16  # columns that LAPACK eliminates together
 BATCH_SAMPLES = 64  # samples that are computed together, as each call has its cost
 FORGETTING_STEPS = 100  # of forgetting in the shortest memory
@@ -199,21 +200,15 @@ class RecursiveLeastSquares:
         sigma = float(correction.residual.sigma[0])
         samples = round(self._rows / len(self.weights))
         joint_weights = None if (self.weights == 1.0).all() else self.weights
-        return replace(
-            correction, value=origin + correction.value, residual=Residual(sigma / self.weights, samples, joint_weights)
-        )
+        residual = Residual(sigma / self.weights, samples, joint_weights)
+        return replace(correction, value=origin + correction.value, residual=residual)
 
     @property
     def state(self) -> dict[str, Array]:
         """State as arrays, to be saved; ``restore`` takes them again."""
         self._flush()
-        return {
-            "R": np.triu(self._R),
-            "peak": self._peak.copy(),
-            "clock": self._clock.copy(),
-            "rows": np.array(self._rows),
-            "order": self._order.astype(float),
-        }
+        arrays = {"R": np.triu(self._R), "peak": self._peak.copy(), "clock": self._clock.copy()}
+        return arrays | {"rows": np.array(self._rows), "order": self._order.astype(float)}
 
     def restore(self, state: Mapping[str, Array]) -> None:
         """Continue from a saved state; InputError where it is of another model, or of another memory."""
@@ -241,20 +236,16 @@ class RecursiveLeastSquares:
             raise InputError(f"t = {float(t[k])!r} s is before the sample before it, or not finite; leave it out.")
         self._clock[1] = step_numbers[-1]
         starts = [0, *(np.flatnonzero(np.diff(step_numbers)) + 1).tolist()]
-        return [
-            (slice(a, b), int(step_numbers[a] - previous_numbers[a]))
-            for a, b in zip(starts, [*starts[1:], len(t)], strict=True)
-        ]
+        pairs = pairwise([*starts, len(t)])
+        return [(slice(a, b), int(step_numbers[a] - previous_numbers[a])) for a, b in pairs]
 
     def _flush(self) -> None:
         """Add the waiting samples to the factor."""
         if not self._waiting:
             return
         waiting, self._waiting = self._waiting, []
-        q, dq, ddq, tau, keep, memory = (
-            parts[0] if len(parts) == 1 or parts[0] is None else np.concatenate(parts)
-            for parts in zip(*waiting, strict=True)
-        )
+        columns = zip(*waiting, strict=True)
+        q, dq, ddq, tau, keep, memory = (x[0] if len(x) == 1 or x[0] is None else np.concatenate(x) for x in columns)
         self._add_rows(self.model.regressor(q, dq, ddq, memory), tau, keep)
 
     def _add_rows(self, Y: Array, tau: Array, keep: NDArray[np.bool_] | None) -> None:

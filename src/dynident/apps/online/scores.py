@@ -7,14 +7,13 @@ from dataclasses import fields, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.identification import Identification
 from dynident.regression import BaseParameters, EntryBlock, structural_base_parameters
 from dynident.regression.whitening import long_run
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 INFORMATION_TOLERANCE = 1e-9  # of the largest information: what a block does not show
 # sums of the same length that are kept, at most: windows are then known to a quarter of their length
 MAX_EQUAL_LENGTHS = 4
@@ -131,10 +130,8 @@ class Scorer(Noun):
         torque.
         """
         independent, theta = list(self.basis.independent), self.identification.estimate.value
-        return tuple(
-            (entry_map[:, independent] / self.scale, entry_map @ theta)
-            for entry_map in self.identification.model.structure.maps
-        )
+        maps = self.identification.model.structure.maps
+        return tuple((entry_map[:, independent] / self.scale, entry_map @ theta) for entry_map in maps)
 
 
 def _solve_scores(information: Array, score: Array) -> Array:
@@ -229,15 +226,11 @@ class Reference(Noun):
         """Return the reference after a block of motion that is new to it."""
         typical_spread = float(np.median(self.spread))
         step = block.score - block.information @ self.value
-        covariance, unknown = (
-            np.asarray(
-                np.linalg.inv(_regularise(np.linalg.inv(_regularise(matrix)) + block.information / typical_spread))
-            )
-            for matrix in (self.covariance, self.unknown)
-        )
-        return replace(
-            self, value=self.value + covariance @ step / typical_spread, covariance=covariance, unknown=unknown
-        )
+        inverses = (np.linalg.inv(_regularise(matrix)) for matrix in (self.covariance, self.unknown))
+        known = (inverse + block.information / typical_spread for inverse in inverses)
+        covariance, unknown = (np.asarray(np.linalg.inv(_regularise(matrix))) for matrix in known)
+        value = self.value + covariance @ step / typical_spread
+        return replace(self, value=value, covariance=covariance, unknown=unknown)
 
 
 def build_reference(blocks: Sequence[Scores], directions: Array) -> Reference:
@@ -246,9 +239,8 @@ def build_reference(blocks: Sequence[Scores], directions: Array) -> Reference:
     # mean square torque, in units of the noise
     mean_squares = np.diag(np.asarray(A)) / sum(entry.samples for entry in blocks)
     # a parameter that no motion has shown may be wrong by a torque of UNKNOWN_TORQUE_RATIO times the noise
-    prior = np.diag(
-        np.maximum(mean_squares, MIN_PRIOR_SHARE * float(np.median(mean_squares))) / UNKNOWN_TORQUE_RATIO**2
-    )
+    usual = np.maximum(mean_squares, MIN_PRIOR_SHARE * float(np.median(mean_squares)))
+    prior = np.diag(usual / UNKNOWN_TORQUE_RATIO**2)
     value = np.linalg.solve(_regularise(A + prior), np.asarray(s))
     M = np.stack([np.diag(directions.T @ entry.information @ directions) for entry in blocks])
     u = np.stack([(entry.score - entry.information @ value) @ directions for entry in blocks])
@@ -259,17 +251,8 @@ def build_reference(blocks: Sequence[Scores], directions: Array) -> Reference:
     mean, std = (np.array([entry(x) for x in levels.T]) for entry in (_finite_mean, _long_run_std))
     count = np.isfinite(levels).sum(axis=0)
     residual = np.sqrt(np.array([_finite_mean(x) for x in np.stack([entry.residual for entry in blocks]).T]))
-    return Reference(
-        value,
-        covariance,
-        covariance,
-        spread,
-        max(len(blocks) / 2.0, 4.0),
-        mean,
-        std,
-        1 / np.sqrt(np.maximum(count, 1)),
-        residual,
-    )
+    error, dof = 1 / np.sqrt(np.maximum(count, 1)), max(len(blocks) / 2.0, 4.0)
+    return Reference(value, covariance, covariance, spread, dof, mean, std, error, residual)
 
 
 def _score_spread(u: Array, M: Array) -> float:

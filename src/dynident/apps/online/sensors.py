@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.online.detector import Back, Event, Fault, FaultKind, Signal
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MISSING_SAMPLES = 3  # samples in a row without a number
 FROZEN_SAMPLES, FROZEN_TIME = 10, 0.05  # samples, and s, of a position that froze
 ABRUPT_STOP_RATIO = 8.0  # times the usual difference of two steps: what a joint cannot do
@@ -107,9 +107,8 @@ class Sensors:
                 rows[k] = is_finite[k, :n].all() and is_finite[k, n:][torque_usable[k]].all()
             if sample_events:
                 events += sample_events
-                faults = [
-                    fault for fault in sample_events if isinstance(fault, Fault) and fault.signal is Signal.POSITION
-                ]
+                failed = [fault for fault in sample_events if isinstance(fault, Fault)]
+                faults = [fault for fault in failed if fault.signal is Signal.POSITION]
                 cuts += [k] if faults else []
                 # whoever has the torques may excuse the position: stop here, so that the later samples are judged with
                 # that
@@ -184,10 +183,8 @@ class Sensors:
         ends = ~is_same & (self.run > 0)
         if ends.any():
             # a pause counts as usual only where others moved meanwhile and it ended as from rest
-            is_usual = (
-                ends & ((self.fault == 0) | (self.fault == 3)) & (self.path - self.path_then > MIN_OTHER_MOTION)
-            )  # others moved
-            # from rest
+            is_usual = ends & ((self.fault == 0) | (self.fault == 3))
+            is_usual &= self.path - self.path_then > MIN_OTHER_MOTION
             is_usual &= (np.abs(d) <= ABRUPT_STOP_RATIO * np.sqrt(self.bend)) | (np.arange(len(d)) >= len(self.joints))
             self.excused[ends] = 0.0
             self.longest = np.where(is_usual, np.maximum(self.longest, t - self.since), self.longest)
@@ -235,19 +232,11 @@ class Sensors:
         others_moved &= self.alive > 0
         # what was long before without a fault is usual for this channel
         usual = np.where(position, POSITION_HOLD_FACTOR, TORQUE_HOLD_FACTOR) * self.longest
-        is_silent = (
-            ~position & is_long & others_moved & (hold_time >= np.clip(usual, CONSTANT_TORQUE_TIME, MAX_HOLD_TIME))
-        )
-        is_still = (
-            position
-            & is_long
-            & others_moved
-            & (self.excused == 0)
-            & (hold_time >= np.clip(usual, CONSTANT_POSITION_TIME, MAX_HOLD_TIME))
-        )
-        yield from self._report_faults(
-            t, (stopped_abruptly | is_silent) & ~np.isin(self.fault, FAULT_NUMBERS), 2, self.since
-        )
+        shortest = np.where(position, CONSTANT_POSITION_TIME, CONSTANT_TORQUE_TIME)
+        is_held = is_long & others_moved & (hold_time >= np.clip(usual, shortest, MAX_HOLD_TIME))
+        is_still = position & is_held & (self.excused == 0)
+        is_frozen = (stopped_abruptly | (~position & is_held)) & ~np.isin(self.fault, FAULT_NUMBERS)
+        yield from self._report_faults(t, is_frozen, 2, self.since)
         yield from self._report_faults(t, is_still & (self.fault == 0), 3, self.since)
 
     def _report_faults(self, t: float, which: NDArray[np.bool_], kind: int, since: Array) -> Iterator[Event]:

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.online.detector import BadLines
 from dynident.apps.online.watcher import MAX_TIME
@@ -32,12 +31,12 @@ from dynident.project.fields import unit_factor
 from dynident.project.settings import Config, check_joints
 from dynident.project.signals import column_names, joint_values, unwrap
 from dynident.runtime import ConfigError, InputError, choices
+from dynident.runtime.arrays import Array
 
 CHUNK_SIZE = 1 << 20  # bytes
 MARK_SIZE = 256  # bytes before a position that say whether it is the same file
 
 StreamRead = tuple[bytes, bool, bool]
-Array = NDArray[np.float64]
 COMMENT_MARKS = ("#", "%")
 MAX_LINE_LENGTH = 1 << 18  # characters of a line: with more it is no sample
 MAX_LINE_BYTES = 4 * MAX_LINE_LENGTH  # bytes that surely are more characters
@@ -152,10 +151,7 @@ class FollowedFile:
         except OSError:
             return False  # between two files
         open_status = os.fstat(self._file.fileno())
-        return (named_status.st_dev, named_status.st_ino) != (
-            open_status.st_dev,
-            open_status.st_ino,
-        ) or open_status.st_size < self.offset
+        return not os.path.samestat(named_status, open_status) or open_status.st_size < self.offset
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from collections.abc import Generator, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.apps.online.fixed_lag import (
     SOURCE,
@@ -34,8 +34,8 @@ from dynident.motion.splines.search import SplineSearch
 from dynident.motion.splines.series import ScaledSeries
 from dynident.regression import EntryBlock, GroupKind, Regression, RegressorBlock, Selection, one_thread
 from dynident.runtime import ConfigError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 OFFSET_MARGIN = 2  # samples beyond a time offset, for the interpolation
 
 
@@ -184,22 +184,16 @@ class Tracker:
     def restore(self, state: Mapping[str, Array]) -> None:
         """Continue from a saved state of a tracker of the same result and settings; InputError where it is not."""
         for part, component in self._parts().items():
-            component_state = {
-                name.removeprefix(f"{part}."): x for name, x in state.items() if name.startswith(f"{part}.")
-            }
+            own_names = (name for name in state if name.startswith(f"{part}."))
+            component_state = {name.removeprefix(f"{part}."): state[name] for name in own_names}
             if isinstance(component, Context):
                 component.restore(component_state, self._rest_motion(2))
             else:
                 component.restore(component_state)
 
     def _parts(self) -> dict[str, FixedLag | RecursiveLeastSquares | Context]:
-        return {
-            "smoother": self.smoother,
-            "fit": self.fit,
-            "shifted": self._shifted,
-            "filtered": self._filtered,
-            "memory": self._memory,
-        }
+        contexts = {"shifted": self._shifted, "filtered": self._filtered, "memory": self._memory}
+        return {"smoother": self.smoother, "fit": self.fit, **contexts}
 
     def _rest_motion(self, samples: int) -> Motion:
         """Return a motion at rest, with the joints and the rate of the stream."""
@@ -237,9 +231,8 @@ class Tracker:
             extended = self.model.remembering(motion)
         else:
             # go on from the memory of the last samples, which are then cut off again
-            extended = cut_motion(
-                self.model.remembering(join_motions(last, motion), last.memory[0]), slice(len(last), None)
-            )
+            joined = self.model.remembering(join_motions(last, motion), last.memory[0])
+            extended = cut_motion(joined, slice(len(last), None))
         self._memory.push(extended)
         return extended
 

@@ -193,10 +193,10 @@ class Watch:
         self.events.restore(state["events"])
         stream = self._open_stream(state["position"])
         # the samples may come again: the watcher then skips those that it knows
-        if not stream.found:
-            self.watcher.resume_by_replay()
-        else:
+        if stream.found:
             self.lines.skipping = state["skipping"]
+        else:
+            self.watcher.resume_by_replay()
         return stream, self._note([Resumed(self.watcher.latest, self.watcher.latest)])
 
     def _open_stream(self, position: Mapping[str, Any] | None) -> Stream:
@@ -232,12 +232,7 @@ class Watch:
 
 
 def make_watch(
-    result: Path,
-    source: str,
-    settings: WatchSettings,
-    folder: ResultFolder | None = None,
-    *,
-    allow_code: bool = False,
+    result: Path, source: str, settings: WatchSettings, folder: ResultFolder | None = None, *, allow_code: bool = False
 ) -> Watch:
     """Return the watch of a robot by its identification, in the file ``result``, and a stream.
 
@@ -252,11 +247,10 @@ def make_watch(
         raise InputError(
             "the result was made from Python, without a configuration: push its samples to a Watcher from Python, too."
         )
-    config = parse_config(
-        configuration.text, Path(configuration.path).parent, configuration.path, allow_code=allow_code
-    )
+    folder_of_config = Path(configuration.path).parent
+    config = parse_config(configuration.text, folder_of_config, configuration.path, allow_code=allow_code)
     name = "standard input" if source == "-" else source
     reader = SampleReader(config, identification.model.joints, name)
     digest = sha256(content(result)).hexdigest()
-    key = {"result": digest, **{setting.name: getattr(settings, setting.name) for setting in fields(settings)}}
+    key = {"result": digest, **vars(settings)}
     return Watch(Watcher(identification, np.random.default_rng(SEED), settings), reader, source, key, folder)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.apps.online.candidates import Candidates, threshold
 from dynident.apps.online.detector import (
@@ -32,8 +32,8 @@ from dynident.identification import Identification
 from dynident.motion.log import Log
 from dynident.regression import GroupKind, ParameterGroup, groups_of, one_thread
 from dynident.runtime import ConfigError, InputError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 WaitingBlock = tuple[Gram, float, float, int]
 SMOOTHING_TIME = 10.0  # s of motion that show how much is to be smoothed
 LAG_BANDWIDTHS = 12.0  # bandwidths: exp(-12 / sqrt 2) = 2e-4 is left of the error at a cut
@@ -188,8 +188,8 @@ class Watcher:
                 self._moved, self._step = time, GAP_STEP_GROWTH * self._step
                 if self._back >= CLOCK_RESET_SAMPLES:
                     self._deaf = {j: (-math.inf, stop) for j, (_, stop) in self._deaf.items() if stop == math.inf}
-                if self._back >= CLOCK_RESET_SAMPLES and self._smoothing is not None:
-                    self._tracker = self._make_tracker(self._smoothing)  # its stamps may only increase
+                    if self._smoothing is not None:
+                        self._tracker = self._make_tracker(self._smoothing)  # its stamps may only increase
                 start = k
             elif not math.isnan(step):
                 # running mean of the step, by which gaps are recognised
@@ -212,12 +212,9 @@ class Watcher:
                 events += self._take_motion(t[rows], q[rows], torque[rows])
                 if sensor_events:  # what is dropped or not used because of them goes by the blocks before
                     events += self._catch_up()
-                # a position that failed has spoiled what was not used yet, unless the torques show that the joint only
-                # rests
-                for event in [
-                    event for event in sensor_events if stop < n and event.time == t[stop] and isinstance(event, Fault)
-                ]:
-                    if event.signal is Signal.POSITION and not self._confirm_fault(event):
+                # a position that failed has spoiled what was not used yet, unless its joint only rests by the torques
+                for event in [event for event in sensor_events if stop < n and event.time == t[stop]]:
+                    if isinstance(event, Fault) and event.signal is Signal.POSITION and not self._confirm_fault(event):
                         sensor_events.remove(event)
                 start = stop
             self._note_unusable_torques(sensor_events)

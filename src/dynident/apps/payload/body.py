@@ -6,15 +6,14 @@ from collections.abc import Callable, Sequence
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import BodyConstraint, Constraints
 from dynident.estimators.cone import minimise
 from dynident.models import INERTIAL, Model, RigidBodies, change_frame, to_physical
 from dynident.models.robot_files import ArmBody
 from dynident.runtime import ModelError, Note, Noun, Severity, choices, number, number_within, percent, short
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 TYPICAL_LENGTH, MIN_MASS = 0.1, 0.05  # m, kg: the size of a payload, for the scale of its pseudo-inertia
 MIN_EIGENVALUE = 1e-6  # least eigenvalue of the scaled pseudo-inertia
 RELATIVE_STEP = 1e-6

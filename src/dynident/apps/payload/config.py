@@ -106,9 +106,8 @@ def _training_files(identification: Identification, allow_code: bool) -> set[str
     configuration = identification.provenance.configuration
     if configuration is None:
         return set()
-    config = parse_config(
-        configuration.text, Path(configuration.path).parent, configuration.path, allow_code=allow_code
-    )
+    folder = Path(configuration.path).parent
+    config = parse_config(configuration.text, folder, configuration.path, allow_code=allow_code)
     files = set()
     for path in (path for spec in config.train for path in spec.file.values()):
         with suppress(InputError):  # recordings that are no longer there

@@ -14,15 +14,14 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.payload.body import Mount
 from dynident.identification import Identification
 from dynident.models import Model
 from dynident.regression import BaseParameters, GroupKind, groups_of
 from dynident.runtime import ConfigError, InputError, Noun, WordedEnum
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_PERCENT = 100.0  # %
 MAX_DISTANCE = 5.0  # m: a centre of mass beyond is in mm
 MAX_MASS = 1e3  # kg: weak prior of the mass
@@ -87,11 +86,9 @@ class PayloadRequest:
         if self.known_centre is not None and max(map(abs, self.known_centre)) > MAX_DISTANCE:
             raise ConfigError(f"the known centre of mass is {max(map(abs, self.known_centre)):g} m away; give it in m.")
         for name, value in (
-            ("gain error", self.gain_error),
-            ("gain change", self.gain_change),
-            ("friction change", self.friction_change),
-            ("friction by the load", self.load_friction),
-        ):
+            ("gain error", self.gain_error), ("gain change", self.gain_change),
+            ("friction change", self.friction_change), ("friction by the load", self.load_friction),
+        ):  # fmt: skip
             if not 0 <= value <= MAX_PERCENT:
                 raise ConfigError(f"the {name} is {value:g} %; give a number from 0 to {MAX_PERCENT:g}.")
         if self.gains is not None and self.known_mass is not None:
@@ -258,12 +255,14 @@ def solve_payload(
             for source, evidence_list in evidence.items() for measured in evidence_list]  # fmt: skip
     size = sum(part.stop - part.start for part in vars(place).values())
     # Changes, gains and body have expected sizes: each counts as a measurement that it is zero.
-    rows += _changes_prior(place, size)
+    for source, part, weight in (
+        (ErrorSource.DRIFT, place.drift, 1.0), (ErrorSource.FRICTION, place.friction, 1.0),
+        (ErrorSource.FRICTION, place.load, 1.0),
+        (ErrorSource.GAINS, place.gain_changes, 100.0 / (request.gain_change or 1.0)),
+    ):  # fmt: skip
+        left = _diagonal_rows(size, part, np.full(part.stop - part.start, weight))
+        rows.append(_Measurements(source, left, np.zeros(len(left))))
     rows.append(_gains_prior(request, place, size, n))
-    changes = np.full(n if request.gain_change else 0, 100.0 / (request.gain_change or 1.0))
-    rows.append(
-        _Measurements(ErrorSource.GAINS, _diagonal_rows(size, place.gain_changes, changes), np.zeros(len(changes)))
-    )
     torque = float(np.abs(basis.scale * theta).max())
     # A prior that only keeps base parameters solvable that no result determines.
     wide = np.full(r, FREE_FACTOR * (torque or 1.0)) / basis.scale[list(basis.independent)]
@@ -316,19 +315,6 @@ def _parameter_changes(model: Model, basis: BaseParameters, theta: Array, percen
     empty = np.zeros((0, len(theta)))
     friction, offset = (np.array(columns_of_kind) if columns_of_kind else empty for columns_of_kind in changes.values())
     return np.concatenate([friction, offset]).T, friction.T
-
-
-def _changes_prior(place: _UnknownSlices, size: int) -> list[_Measurements]:
-    pairs = (
-        (ErrorSource.DRIFT, place.drift),
-        (ErrorSource.FRICTION, place.friction),
-        (ErrorSource.FRICTION, place.load),
-    )
-    blocks = []
-    for source, part in pairs:
-        left = _diagonal_rows(size, part, np.ones(part.stop - part.start))
-        blocks.append(_Measurements(source, left, np.zeros(len(left))))
-    return blocks
 
 
 def _gains_prior(request: PayloadRequest, place: _UnknownSlices, size: int, n: int) -> _Measurements:

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.payload.body import (
     BodyEstimate,
@@ -40,9 +39,9 @@ from dynident.models import Model
 from dynident.motion.log import Log, stack_states
 from dynident.regression import BaseParameters, structural_base_parameters
 from dynident.runtime import InputError, Note, Noun, report_progress
+from dynident.runtime.arrays import Array
 from dynident.validation import LogValidation
 
-Array = NDArray[np.float64]
 # times the error of the training, and %: with more left, a recording is of another arm
 MAX_ERROR_RATIO, MAX_ERROR = 5.0, 20.0
 MAX_SHOWN_STD = (0.2, 0.03, 1.0)  # of mass, m, of mass (0.1 m)^2: a component with a larger standard error is not shown
@@ -151,9 +150,8 @@ def find_payload(
         ErrorSource.LOADED: [ArmEvidence.of(loaded_result, "the result with the payload")],
     }
     if unloaded:
-        evidence[ErrorSource.UNLOADED] = [
-            ArmEvidence.of(_identify_recordings(identification, unloaded, "without the payload"))
-        ]
+        empty = _identify_recordings(identification, unloaded, "without the payload")
+        evidence[ErrorSource.UNLOADED] = [ArmEvidence.of(empty)]
     report_progress("solving for the payload")
     basis = identification.base.structural or structural_base_parameters(identification.model)
     solution = solve_payload(identification, basis, mount, evidence, request)
@@ -235,14 +233,10 @@ def _check_known_mass(mass: float, request: PayloadRequest) -> None:
 
 
 def _negative_mass_message(mass: float, std: float, request: PayloadRequest) -> str:
-    prefix = f"the payload has a mass of {mass:.3g} +- {std:.2g} kg: the arm carries "
+    words = "less than when it was identified; if a tool was removed since, ask for the removed one (--removed)."
     if request.removed:
-        return (
-            f"{prefix}more than when it was identified; drop --removed, or check which recordings are with the payload."
-        )
-    return (
-        f"{prefix}less than when it was identified; if a tool was removed since, ask for the removed one (--removed)."
-    )
+        words = "more than when it was identified; drop --removed, or check which recordings are with the payload."
+    return f"the payload has a mass of {mass:.3g} +- {std:.2g} kg: the arm carries {words}"
 
 
 def _loaded_logs(
@@ -250,9 +244,8 @@ def _loaded_logs(
 ) -> Iterator[LoadedLog]:
     """Yield the residual torque of each recording; InputError where it indicates another arm."""
     basis: BaseParameters = solution.basis
-    train_error = max(
-        (validation.errors.relative_error for validation in arm.validations if validation.role == "train"), default=0.0
-    )
+    trained = (validation for validation in arm.validations if validation.role == "train")
+    train_error = max((validation.errors.relative_error for validation in trained), default=0.0)
     carried = mount.transform @ solution.phi * (-1.0 if request.removed else 1.0)
     # Drift acts on the arm alone; friction by the load only with the payload.
     alone = basis.to_standard(solution.beta + basis.to_base(solution.drift))
@@ -262,9 +255,8 @@ def _loaded_logs(
         if validation.signals is None:
             continue
         pairs = ((alone, factor), (with_payload, factor), (loaded_result.estimate.value, np.ones_like(factor)))
-        loaded_log = LoadedLog(
-            validation.name, *(_residual_share(loaded_result.model, validation, theta, gain) for theta, gain in pairs)
-        )
+        shares = (_residual_share(loaded_result.model, validation, theta, gain) for theta, gain in pairs)
+        loaded_log = LoadedLog(validation.name, *shares)
         if loaded_log.with_payload > max(MAX_ERROR_RATIO * train_error, MAX_ERROR):
             raise InputError(_other_arm_message(loaded_log, request))
         yield loaded_log

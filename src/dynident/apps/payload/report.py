@@ -2,38 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from dynident.apps.payload.body import Component, NoPayload, mass_bound
 from dynident.apps.payload.estimate import ErrorSource
+from dynident.apps.payload.payload import Payload
 from dynident.files.meshes import result_geometry
+from dynident.identification import Identification
 from dynident.identification.links import body_inertia, rigid_bodies
 from dynident.models import INERTIAL
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, INK, RED, VIOLET, panels, trace
 from dynident.report.identification.robot import payload_view
-from dynident.report.page import (
-    UNIT,
-    Beside,
-    Column,
-    Facts,
-    Figure,
-    PageBlock,
-    PageSection,
-    PageTable,
-    pair_table,
-    render,
-)
+from dynident.report.page import UNIT, Beside, Facts, Figure, PageBlock, PageSection, PageTable, pair_table, render
 from dynident.runtime import capitalise, number, number_within
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from dynident.apps.payload.payload import Payload
-    from dynident.identification import Identification
 
 SOURCE_COLOURS = {
     ErrorSource.ARM: BLUE, ErrorSource.LOADED: GREEN, ErrorSource.UNLOADED: GREEN, ErrorSource.DRIFT: AMBER,
@@ -83,35 +67,32 @@ def payload_words(payload: Payload) -> str:
 def payload_table(payload: Payload) -> PageTable:
     """Return the ten components to the digits of their standard errors, or the mass alone where none is seen."""
     body, components = payload.body, list(Component) if payload.is_significant else [Component.MASS]
-    rows = tuple(
+    rows = [
         (name.meaning, number_within(float(value), float(std)), number(float(std), 2), name.unit)
         for name, value, std in zip(components, body.values, body.std, strict=False)
-    )
-    columns = (Column("payload", numeric=False), Column("value"), Column("std"), UNIT)
-    return PageTable(columns, rows, f"Payload in the frame of {payload.mount.frame}")
+    ]
+    return PageTable.of(("payload",), ("value", "std", UNIT), rows, f"Payload in the frame of {payload.mount.frame}")
 
 
 def shares_table(payload: Payload) -> PageTable:
     """Return the shares of each source in the variance of mass and centre, in %."""
-    component_count = 4 if payload.is_significant else 1
-    shares = [
-        (source, share[:component_count])
-        for source, share in payload.shares.items()
-        if (share[:component_count] > MIN_SHOWN_SHARE).any()
+    components = list(Component)[: 4 if payload.is_significant else 1]
+    shares = {source: share[: len(components)] for source, share in payload.shares.items()}
+    rows = [
+        (source.words, *(f"{100 * float(x):.0f}" for x in share))
+        for source, share in shares.items()
+        if (share > MIN_SHOWN_SHARE).any()
     ]
-    rows = tuple((source.words, *(f"{100 * float(x):.0f}" for x in share)) for source, share in shares)
-    columns = (Column("error by", numeric=False), *(Column(f"{name}, %") for name in list(Component)[:component_count]))
-    return PageTable(columns, rows, "What the errors come from, in % of the variance")
+    heads = [f"{name}, %" for name in components]
+    return PageTable.of(("error by",), heads, rows, "What the errors come from, in % of the variance")
 
 
 def torque_table(payload: Payload) -> Iterator[PageTable]:
     """Yield the torque errors of each recording with and without the payload, where there are recordings."""
-    rows = tuple(
-        (log.name, number(log.without, 3), number(log.with_payload, 3), number(log.free, 3)) for log in payload.logs
-    )
-    columns = (Column("recording", numeric=False), *map(Column, ("arm alone, %", "with it, %", "own fit, %")))
+    rows = [(log.name, *(number(x, 3) for x in (log.without, log.with_payload, log.free))) for log in payload.logs]
     if rows:
-        yield PageTable(columns, rows, "What is left of the torque")
+        heads = ("arm alone, %", "with it, %", "own fit, %")
+        yield PageTable.of(("recording",), heads, rows, "What is left of the torque")
 
 
 def gains_table(payload: Payload, always: bool = False) -> Iterator[PageTable]:
@@ -119,12 +100,12 @@ def gains_table(payload: Payload, always: bool = False) -> Iterator[PageTable]:
     gains = payload.gains
     if not (always or payload.request.known_mass is not None):
         return
-    rows = tuple(
+    rows = [
         (joint, number(float(factor)), number(float(std), 2), number(float(correction)))
         for joint, factor, std, correction in zip(gains.joints, gains.factor, gains.std, gains.correction, strict=True)
-    )
-    columns = (Column("joint", numeric=False), *map(Column, ("torque over the true one", "std", "multiply gain by")))
-    yield PageTable(columns, rows, "Gains of the drives")
+    ]
+    heads = ("torque over the true one", "std", "multiply gain by")
+    yield PageTable.of(("joint",), heads, rows, "Gains of the drives")
 
 
 def payload_page(payload: Payload, arm: Identification) -> str:

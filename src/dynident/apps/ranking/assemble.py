@@ -10,7 +10,6 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.ranking.config import Candidate, Combination
 from dynident.apps.ranking.differences import Differences, differences, joint_errors
@@ -41,8 +40,8 @@ from dynident.motion.log import Motion
 from dynident.motion.smoothers import SUBSTITUTE
 from dynident.regression import BLOCK, MAX_REPEAT_DIFFERENCE, Regression, Selection, one_thread, repeat_of
 from dynident.runtime import Noun, call_part
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Row = Mapping[str, Any]
 
 
@@ -112,14 +111,12 @@ class Fit(Noun):
         for column, motion_set, role in (
             ("held", motions, "validation"), ("alike", configured_motions, "validation"), ("train", motions, "train"),
         ):  # fmt: skip
-            squares = task.squares(
-                _torque_residuals(task, motion_set[role], estimate.value), self.common.masks, role, fitted_only=False
-            )
+            residuals = _torque_residuals(task, motion_set[role], estimate.value)
+            squares = task.squares(residuals, self.common.masks, role, fitted_only=False)
             row[column] = (squares if column == "held" else squares.sum(axis=0)).ravel().tolist()
         if task.truth is not None:
-            errors, base = identifiability_of(
-                fit.regression, estimate, fit.motion_covariance, unfitted=task.recipe.unfitted
-            )
+            unfitted = task.recipe.unfitted
+            errors, base = identifiability_of(fit.regression, estimate, fit.motion_covariance, unfitted=unfitted)
             row["base"] = task.truth.base(estimate.value).tolist()
             row["std"] = task.truth.std(errors, base).tolist()
         return row | self._cross_validation_columns(motions["train"], part, late)
@@ -145,9 +142,8 @@ def _train_problem(task: Task, motions: tuple[Motion, ...], time_offset: float) 
     """Return the estimation problem of the motions of the training, in the order of its logs."""
     regression = Regression(task.model, motions, Selection(task.recipe.filter))
     train_motions = dict(zip(task.logs.repaired["train"], motions, strict=True))
-    return Problem(
-        task.model, motions, regression, task.logs.fitted_logs(RoleMotions({"train": train_motions})), time_offset
-    )
+    logs = task.logs.fitted_logs(RoleMotions({"train": train_motions}))
+    return Problem(task.model, motions, regression, logs, time_offset)
 
 
 def _regressor_condition(estimate: Estimate) -> float:
@@ -213,9 +209,7 @@ def assemble_ranking(name: str, task: Task, rows: ComparisonRows, rng: np.random
     basis: Basis = "validation" if task.held_out else "train"
     column = "held" if task.held_out else "cross"
     torque = task.torque_squares(rows.common.masks, basis, fitted_only=not task.held_out)
-    # only combinations with finite errors on all blocks take part in the test of differences
-    block_squares = {key: np.reshape(row[column], torque.shape) for key, row in rows.fits.items() if len(row[column])}
-    block_squares = {key: squares for key, squares in block_squares.items() if np.isfinite(squares).all()}
+    block_squares = _block_squares(rows.fits, column, torque)
     combinations = {key: _read_row(task, rows, key, row) for key, row in rows.fits.items()}
     difference_test: Differences | None = None
     if block_squares:
@@ -232,36 +226,36 @@ def assemble_ranking(name: str, task: Task, rows: ComparisonRows, rng: np.random
     applicable = [entry for entry in entries if entry.outcome is not CombinationOutcome.NOT_APPLICABLE]
     # those without an error come last
     ordered = sorted(applicable, key=lambda entry: entry.error if math.isfinite(entry.error) else math.inf)
-    return Ranking(
-        name,
-        task.joints,
-        basis,
-        tuple(ordered),
-        tuple(_inapplicable_parts(attempted, not_smoothed)),
-        rows.common.shares,
-        rows.common.kept_shares,
-        math.nan if difference_test is None else difference_test.length * task.blocks[basis].seconds,
-        0.0 if difference_test is None else difference_test.drawn_blocks,
-        difference_test is not None and difference_test.has_enough_blocks,
-        task.folds,
-        () if task.truth is None else task.truth.names,
-        () if task.truth is None else task.truth.units,
-        tuple(_used_smoothers(rows)),
-        rows.estimators,
-        rows.computed,
-        tuple(_repeated_logs(task)),
-        task.findings,
-        _time_offsets(task, rows),
+    block, blocks, has_enough_blocks = math.nan, 0.0, False
+    if difference_test is not None:
+        block = difference_test.length * task.blocks[basis].seconds
+        blocks, has_enough_blocks = difference_test.drawn_blocks, difference_test.has_enough_blocks
+    names, units = ((), ()) if task.truth is None else (task.truth.names, task.truth.units)
+    # of several parts of a smoother the one that was chosen
+    smoothers = tuple(
+        smoother if row["chosen"] is None else replace(smoother, parts=(smoother.parts[row["chosen"]],))
+        for smoother, row in zip(rows.smoothers, rows.smooth, strict=True)
     )
+    return Ranking(
+        name, task.joints, basis, rows=tuple(ordered), absent=tuple(_inapplicable_parts(attempted, not_smoothed)),
+        shares=rows.common.shares, kept_shares=rows.common.kept_shares, block=block, blocks=blocks,
+        has_enough_blocks=has_enough_blocks, folds=task.folds, parameters=names, units=units, smoothers=smoothers,
+        estimators=rows.estimators, computed=rows.computed, repeats=tuple(_repeated_logs(task)),
+        findings=task.findings, offsets=_time_offsets(task, rows),
+    )  # fmt: skip
+
+
+def _block_squares(fits: Mapping[tuple[int, int], Row], column: str, torque: Array) -> dict[tuple[int, int], Array]:
+    """Return the sums of squares (K, n) in a column by combination, where they are finite: others cannot be tested."""
+    arrays = {key: np.reshape(row[column], torque.shape) for key, row in fits.items() if len(row[column])}
+    return {key: squares for key, squares in arrays.items() if np.isfinite(squares).all()}
 
 
 def _repeated_logs(task: Task) -> Iterator[tuple[str, str]]:
     """Yield the held-out logs that repeat a motion of the training, each with the first log that it repeats."""
     train = task.motions["train"]
     for held_out_name, motion in task.motions["validation"].items():
-        repeats = (
-            log for log, train_motion in train.items() if repeat_of(motion, train_motion).error < MAX_REPEAT_DIFFERENCE
-        )
+        repeats = (log for log in train if repeat_of(motion, train[log]).error < MAX_REPEAT_DIFFERENCE)
         yield from ((held_out_name, log) for log in islice(repeats, 1))
 
 
@@ -271,19 +265,12 @@ def _add_cross_p_values(
     """Add the p-values of cross-validation to the combinations that are ranked by held-out logs."""
     # cross-validation is on the training logs, with other blocks than the held-out logs
     torque = task.torque_squares(rows.common.masks, "train", fitted_only=True)
-    ranked = (key for key, entry in combinations.items() if math.isfinite(entry.error) and len(rows.fits[key]["cross"]))
-    block_squares = {key: np.reshape(rows.fits[key]["cross"], torque.shape) for key in ranked} if task.held_out else {}
-    block_squares = {key: squares for key, squares in block_squares.items() if np.isfinite(squares).all()}
+    ranked = [key for key, entry in combinations.items() if task.held_out and math.isfinite(entry.error)]
+    block_squares = _block_squares({key: rows.fits[key] for key in ranked}, "cross", torque)
     if block_squares:
         difference_test = differences(np.stack(list(block_squares.values())), torque, task.blocks["train"].log, rng)
         for key, p_value in zip(block_squares, difference_test.p_value, strict=True):
             combinations[key] = replace(combinations[key], cross_p_value=float(p_value))
-
-
-def _used_smoothers(rows: ComparisonRows) -> Iterator[Candidate]:
-    """Yield the smoothers, each with the part that was chosen of several."""
-    for smoother, row in zip(rows.smoothers, rows.smooth, strict=True):
-        yield smoother if row["chosen"] is None else replace(smoother, parts=(smoother.parts[row["chosen"]],))
 
 
 def _time_offsets(task: Task, rows: ComparisonRows) -> dict[str, float]:

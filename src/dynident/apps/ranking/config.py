@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import MISSING, dataclass, fields, is_dataclass
+from itertools import chain, count
 from typing import Annotated, Any
 
 from dynident.estimators import Estimator, LinearEstimator, PhysicallyConsistent
@@ -74,11 +76,10 @@ def smoother_candidates(config: Config, requested: Sequence[str | Smoother] | No
     listed = None if config.compare is None else config.compare.smoothers
     selection = requested if requested is not None else listed
     default_smoother = Config.model_fields["smoother"].get_default(call_default_factory=True)
-    specs = (
-        _default_parts(SMOOTHERS, default_smoother)
-        if selection is None
-        else (_resolve_part(SMOOTHERS, spec, default_smoother) for spec in selection)
-    )
+    if selection is None:
+        specs = _default_parts(SMOOTHERS, default_smoother)
+    else:
+        specs = (_resolve_part(SMOOTHERS, spec, default_smoother) for spec in selection)
     return _distinct_candidates(SMOOTHERS, config.smoother, specs, default_smoother)
 
 
@@ -91,12 +92,10 @@ def estimator_candidates(
     """
     listed = None if config.compare is None else config.compare.estimators
     selection = requested if requested is not None else listed
-    if selection is not None:
-        return _distinct_candidates(
-            ESTIMATORS, config.estimator, (_resolve_part(ESTIMATORS, spec) for spec in selection)
-        )
     specs: list[Any] = list(_default_parts(ESTIMATORS))
-    if any(parameter.body for parameter in model.parameters):
+    if selection is not None:
+        specs = [_resolve_part(ESTIMATORS, spec) for spec in selection]
+    elif any(parameter.body for parameter in model.parameters):
         linear = [estimator for estimator in specs if isinstance(estimator, LinearEstimator)]
         specs += [PhysicallyConsistent(fit=estimator) for estimator in linear]
     else:
@@ -152,11 +151,9 @@ def _distinct_candidates(
         settings = json.dumps(plain, sort_keys=True, default=str)
         if settings in candidates:
             continue
-        base = name = _candidate_name(family, spec, default_part)
-        count = 2
+        base = _candidate_name(family, spec, default_part)
         # a number tells different settings with the same short name apart
-        while name in names:
-            name, count = f"{base} ({count})", count + 1
+        name = next(name for name in chain([base], (f"{base} ({k})" for k in count(2))) if name not in names)
         names.add(name)
         candidates[settings] = Candidate(name, parts, settings, spec is configured)
     return tuple(candidates.values())
@@ -184,24 +181,17 @@ def _candidate_name(family: PartFamily, spec: Any, default_part: Any) -> str:
     kind = family.kind_of(part).rpartition(":")[2]
     settings_class = settings_type(type(part))
     settings = spec if isinstance(spec, settings_class) else settings_class.of(part)
-    default = default_part if isinstance(default_part, settings_class) else _default(type(part), settings_class)
-    names = [setting.name for setting in fields(settings) if setting.init]
-    changed = {
-        name: getattr(settings, name) for name in names if getattr(settings, name) != getattr(default, name, MISSING)
-    }
+    default = default_part if isinstance(default_part, settings_class) else None
+    if default is None:
+        with suppress(TypeError):  # without settings it cannot be made
+            default = type(part)() if settings_class is type(part) else settings_class.of(type(part)())
+    values = {setting.name: getattr(settings, setting.name) for setting in fields(settings) if setting.init}
+    changed = {name: value for name, value in values.items() if value != getattr(default, name, MISSING)}
     if (fit := changed.pop("fit", None)) is not None:
         kind = f"{kind}{NAME_JOINER}{_candidate_name(family, fit, None)}"
     words = ", ".join(f"{name} {_format_setting(value)}" for name, value in changed.items())
     text = f"{kind} ({words})" if words else kind
     return text if len(text) <= MAX_NAME_LENGTH else f"{text[: MAX_NAME_LENGTH - 1]}…"
-
-
-def _default(part: type, holder: Any) -> Any:
-    """Return the default settings of a part, None where it has none."""
-    try:
-        return part() if holder is part else holder.of(part())
-    except TypeError:
-        return None
 
 
 def _format_setting(value: Any) -> str:

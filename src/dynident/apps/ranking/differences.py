@@ -33,15 +33,15 @@ from dynident.files.opener import read_text, real_path
 from dynident.files.xml_text import SUFFIXES
 from dynident.files.yaml_text import load_yaml
 from dynident.identification import Identifiability, Identification, StandardErrors, accuracy_bound
-from dynident.models import Model, RigidBodies
+from dynident.models import RigidBodies
 from dynident.motion.log import Log
 from dynident.project.config import load_robot, nominal_values
 from dynident.project.saved import result_values
 from dynident.project.settings import RobotSettings
 from dynident.regression import base_parameters
 from dynident.runtime import ConfigError, ModelError, Noun, as_number, choices
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_BLOCKS = 400  # blocks of all logs together
 DRAWS = 2000
 SIGNIFICANCE_LEVEL = 0.05
@@ -148,14 +148,12 @@ def differences(
         return untested
     drawn_errors = _draw_errors(squares, torque, log_numbers, length, rng)
     # widen the interval of the resampled differences about the estimate, as few blocks understate it
-    factor, difference = _width_factor(drawn_blocks), error - error[best]
-    ends = np.quantile(
-        drawn_errors - drawn_errors[:, [best]], [SIGNIFICANCE_LEVEL / 2, 1 - SIGNIFICANCE_LEVEL / 2], axis=0
-    ).T
-    interval = difference[:, None] + factor * (ends - difference[:, None])
-    return Differences(
-        error, interval, _best_p_values(np.log(error), np.log(drawn_errors), drawn_blocks), length, drawn_blocks
-    )
+    normal, difference = ndtri(1 - SIGNIFICANCE_LEVEL / 2), (error - error[best])[:, None]
+    factor = float(_student_quantiles(normal, drawn_blocks) / normal)
+    levels = [SIGNIFICANCE_LEVEL / 2, 1 - SIGNIFICANCE_LEVEL / 2]
+    ends = np.quantile(drawn_errors - drawn_errors[:, [best]], levels, axis=0).T
+    p_values = _best_p_values(np.log(error), np.log(drawn_errors), drawn_blocks)
+    return replace(untested, interval=difference + factor * (ends - difference), p_value=p_values)
 
 
 def _required_block_length(squares: Array, torque: Array, error: Array, best: int) -> int:
@@ -164,12 +162,9 @@ def _required_block_length(squares: Array, torque: Array, error: Array, best: in
     size = np.maximum(squares[best].sum(axis=0), MIN_RELATIVE_ERROR**2 * torque.sum(axis=0))
     has_torque = torque.sum(axis=0) > 0
     shares = squares[:, :, has_torque] / size[has_torque]
-    leading = [
-        k
-        for k in np.argsort(error, kind="stable")[: MAX_LEADING + 1]
-        if error[k] <= MAX_LEADING_ERROR_RATIO * error[best]
-    ]
-    return max((_block_length((shares[k] - shares[best]).sum(axis=1)) for k in leading if k != best), default=1)
+    order = np.argsort(error, kind="stable")[: MAX_LEADING + 1]
+    leading = [k for k in order if k != best and error[k] <= MAX_LEADING_ERROR_RATIO * error[best]]
+    return max((_block_length((shares[k] - shares[best]).sum(axis=1)) for k in leading), default=1)
 
 
 def _block_length(series: Array) -> int:
@@ -214,11 +209,6 @@ def _draw_errors(
     R, K, n = squares.shape
     drawn_squares = (counts @ squares.transpose(1, 0, 2).reshape(K, R * n)).reshape(DRAWS, R, n)
     return mean_error(drawn_squares, drawn_torque[:, None, :])
-
-
-def _width_factor(blocks: float) -> float:
-    """Return the factor by which half of an interval is widened for a limited number of blocks."""
-    return float(_student_quantiles(ndtri(1 - SIGNIFICANCE_LEVEL / 2), blocks) / ndtri(1 - SIGNIFICANCE_LEVEL / 2))
 
 
 def _student_quantiles(normal: Array | float, blocks: float) -> Array:
@@ -271,11 +261,9 @@ class TrueParameters(Noun):
         if basis is None and len(errors.std) == len(self.names):
             return errors.std
         # another fit may group its base parameters differently: match them by name
-        std_by_name = (
-            {}
-            if basis is None or errors.base_std is None
-            else dict(zip(basis.groupings, errors.base_std.tolist(), strict=True))
-        )
+        std_by_name: dict[str, float] = {}
+        if basis is not None and errors.base_std is not None:
+            std_by_name = dict(zip(basis.groupings, errors.base_std.tolist(), strict=True))
         return np.array([std_by_name.get(name, np.nan) for name in self.names])
 
 
@@ -312,20 +300,13 @@ def _values_of_robot(path: Path, spec: str | RobotSettings) -> dict[str, float]:
     if not isinstance(spec, RobotSettings):
         raise ConfigError(f"truth: {path} is a robot file, and the model is none; give values by name.")
     model = load_robot(spec.model_copy(update={"file": {str(path): path}}))
-    values = dict(zip(model.names, nominal_values(model).tolist(), strict=True)) | _joint_term_values(model)
+    values = dict(zip(model.names, nominal_values(model).tolist(), strict=True))
+    for term in (term for term in model.terms if isinstance(term, RigidBodies)):
+        for prefix, by_joint in (("Fv", term.damping), ("Fc", term.friction), ("Ia", term.armature)):
+            values |= {f"{prefix}_{joint}": float(value) for joint, value in by_joint.items()}
     # zeros of friction, rotors and offsets are what a file writes, or leaves out, where nobody knows them
     bodies = {parameter.name for parameter in model.parameters if parameter.body}
     return {name: value for name, value in values.items() if value or name in bodies}
-
-
-def _joint_term_values(model: Model) -> dict[str, float]:
-    """Return friction and rotor inertia of the robot file, by the names of the parameters of their terms."""
-    by_name: dict[str, float] = {}
-    for term in model.terms:
-        if isinstance(term, RigidBodies):
-            for prefix, values in (("Fv", term.damping), ("Fc", term.friction), ("Ia", term.armature)):
-                by_name |= {f"{prefix}_{joint}": float(value) for joint, value in values.items()}
-    return by_name
 
 
 def compute_truth(
@@ -351,13 +332,9 @@ def compute_truth(
     value = basis.to_base(np.array([values.get(name, 0.0) for name in names]))
     bound = accuracy_bound(identification.model, logs, replace(identification.recipe, restart=None))
     bound_by_name = dict(zip(bound.names, bound.std["now"].tolist(), strict=True))
-    return TrueParameters(
-        basis.groupings,
-        tuple(identification.estimate.units[k] for k in basis.independent),
-        basis.combination,
-        np.where(is_unknown, np.nan, value),
-        np.array([bound_by_name.get(name, np.nan) for name in basis.groupings]),
-    )
+    units = tuple(identification.estimate.units[k] for k in basis.independent)
+    bounds = np.array([bound_by_name.get(name, np.nan) for name in basis.groupings])
+    return TrueParameters(basis.groupings, units, basis.combination, np.where(is_unknown, np.nan, value), bounds)
 
 
 def truth_text(truth: TrueParameters | None) -> str:

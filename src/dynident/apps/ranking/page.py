@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from itertools import groupby
-from typing import TYPE_CHECKING
 
-from dynident.apps.ranking.ranking import geometric_mean
+from dynident.apps.ranking.ranking import RankedCombination, Ranking, geometric_mean
 from dynident.apps.ranking.report import (
     display_names,
     interval_ends,
@@ -18,13 +16,11 @@ from dynident.apps.ranking.report import (
 )
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, INK, RED, VIOLET, Trace, panels, plain, trace
-from dynident.report.page import Badge, Column, Facts, Figure, Fold, PageBlock, PageSection, PageTable, render
+from dynident.report.page import Badge, Column, Facts, Figure, Fold, Head, PageBlock, PageSection, PageTable, render
 from dynident.report.words import huge
 from dynident.runtime import count, number, part_text, percent, short, shorten_names
 
-if TYPE_CHECKING:
-    from dynident.apps.ranking.ranking import RankedCombination, Ranking
-
+NAMES, BASES = ("smoother", "estimator"), {"validation": "on held-out motion", "train": "in cross-validation"}
 COLOURS = (BLUE, RED, GREEN, AMBER, VIOLET, INK)
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x", "star")
 MAX_ERROR_RATIO = 30.0  # times the least error, beyond which a mark stands at the edge
@@ -72,7 +68,9 @@ def ranking_figure(ranking: Ranking) -> Drawing:
         at = {"x": [min(row.error, edge) for row in rows], "y": [places[row.combination.name] for row in rows]}
         figure.add(trace("scatter", **at, error_x=_error_bars(rows, best_error), **_mark_properties(name, k, rows)))
     reach = [-1.0, max(places.values()) + 1.0]
-    figure.add(_best_line(best_error, reach))
+    line = {"color": INK, "width": 1.2, "dash": "dash"}
+    ends = {"x": [best_error, best_error], "y": reach, "mode": "lines", "name": "best", "line": line}
+    figure.add(trace("scatter", **ends, hoverinfo="skip", meta="ink", showlegend=False))
     figure.axes("y", tickvals=centres, ticktext=[plain(name) for name in names], range=reach[::-1], showgrid=False)
     low, high = _error_range(ranking.standings, edge)
     _set_range(figure, "x", low, high, "mean joint error, % (geometric mean of the torque errors)")
@@ -114,28 +112,16 @@ def _row_positions(ranking: Ranking) -> tuple[dict[str, float], list[str], list[
     """Return the height of each combination by its name, and names and centres of the estimators, best first."""
     order = list(dict.fromkeys(row.combination.estimator for row in ranking.standings))
     smoothers = _smoother_names(ranking)
-    rows = sorted(
-        ranking.standings,
-        key=lambda row: (order.index(row.combination.estimator), smoothers.index(row.combination.smoother)),
-    )
+    combinations = [row.combination for row in ranking.standings]
     places: dict[str, float] = {}
-    names, centres, at = list[str](), list[float](), 0.0
+    centres, at = list[float](), 0.0
     # Rows of one estimator follow each other; an empty row separates estimators
-    for name, run in groupby(rows, key=lambda row: row.combination.estimator):
-        group = list(run)
-        for k, row in enumerate(group):
-            places[row.combination.name] = at + k
-        names.append(name)
+    for name in order:
+        group = sorted((smoothers.index(x.smoother), x.name) for x in combinations if x.estimator == name)
+        places |= {combination: at + k for k, (_, combination) in enumerate(group)}
         centres.append(at + (len(group) - 1) / 2)
         at += len(group) + 1
-    return places, names, centres
-
-
-def _best_line(best_error: float, reach: Sequence[float]) -> Trace:
-    """Return the dashed line at the least error."""
-    line = {"color": INK, "width": 1.2, "dash": "dash"}
-    at = {"x": [best_error, best_error], "y": reach, "mode": "lines", "name": "best", "line": line}
-    return trace("scatter", **at, hoverinfo="skip", meta="ink", showlegend=False)
+    return places, order, centres
 
 
 def _error_range(ranked: Sequence[RankedCombination], edge: float) -> tuple[float, float]:
@@ -210,14 +196,8 @@ def _set_range(figure: Drawing, letter: str, low: float, high: float, title: str
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     steps = (1, 2, 5) if high < 300 * low else (1,)
     ticks = [step * 10.0**k for k in decades for step in steps]
-    figure.axes(
-        letter,  # type: ignore[arg-type]
-        title=title,
-        type="log",
-        range=[math.log10(low), math.log10(high)],
-        tickvals=ticks,
-        ticktext=[f"{tick:g}" for tick in ticks],
-    )
+    ends, labels = [math.log10(low), math.log10(high)], [f"{tick:g}" for tick in ticks]
+    figure.axes(letter, title=title, type="log", range=ends, tickvals=ticks, ticktext=labels)  # type: ignore[arg-type]
 
 
 def ranking_page(ranking: Ranking) -> str:
@@ -258,17 +238,11 @@ def _choice_blocks(ranking: Ranking) -> Iterator[PageBlock]:
         facts.append((percent(choice.error), "mean joint error of the one to take", words))
     if best is not None and best is not choice:
         facts.append((percent(best.error), "least mean joint error", with_words(best.combination)))
-    if (
-        configured is not None
-        and configured is not choice
-        and configured is not best
-        and math.isfinite(configured.error)
-    ):
+    if configured is not None and configured not in (choice, best) and math.isfinite(configured.error):
         facts.append((percent(configured.error), "mean joint error of yours", with_words(configured.combination)))
     if ranking.has_enough_blocks:
-        facts.append(
-            (str(len(ranking.within_chance)), "within chance of the best", f"of {len(ranking.standings)} with an error")
-        )
+        words = f"of {len(ranking.standings)} with an error"
+        facts.append((str(len(ranking.within_chance)), "within chance of the best", words))
     if facts:
         yield Facts(tuple(facts))
     yield ranking_findings(ranking)
@@ -281,52 +255,39 @@ def _figure_blocks(ranking: Ranking) -> Iterator[PageBlock]:
         if ranking.has_enough_blocks
         else ""
     )
-    basis = "on held-out motion" if ranking.basis == "validation" else "in cross-validation"
-    yield Figure(
-        ranking_figure(ranking),
-        f"Torque error {basis}, geometric mean over joints, by estimator; the best of each comes first.{note}",
+    caption = (
+        f"Torque error {BASES[ranking.basis]}, geometric mean over joints, by estimator; the best of each comes first."
     )
+    yield Figure(ranking_figure(ranking), caption + note)
     yield Figure(cost_figure(ranking), "The same errors over what they cost; the ring is the one to take.")
 
 
 def _combination_table(ranking: Ranking) -> PageTable:
-    columns = [
-        Column("smoother", numeric=False), Column("estimator", numeric=False), Column("", numeric=False),
-        Column("mean joint error, %"), Column("from", "more than best, 95 %"), Column("to", "more than best, 95 %"),
-        Column("all joints, %"), Column("same motion, %"), Column("cross-validated, %"), Column("training, %"),
-        Column("condition"), Column("eigenvalue"), Column("seconds"),
-    ]  # fmt: skip
+    heads = (
+        "mean joint error, %", ("from", "more than best, 95 %"), ("to", "more than best, 95 %"), "all joints, %",
+        "same motion, %", "cross-validated, %", "training, %", "condition", "eigenvalue", "seconds",
+    )  # fmt: skip
     rows = []
     for row in ranking.standings:
-        means = (
-            row.overall,
-            geometric_mean(row.same_motion),
-            geometric_mean(row.cross_validated),
-            geometric_mean(row.training),
-        )
+        means = (row.overall, *map(geometric_mean, (row.same_motion, row.cross_validated, row.training)))
         names = (*display_names(row.combination), mark_words(ranking, row))
         errors = (number(row.error), *interval_ends(ranking, row), *(number(value, 3) for value in means))
         rows.append((*names, *errors, huge(row.condition), number(row.eigenvalue, 2), number(row.seconds, 2)))
-    return PageTable(tuple(columns), tuple(rows), "Relative torque errors, geometric mean over joints")
+    return PageTable.of((*NAMES, ""), heads, rows, "Relative torque errors, geometric mean over joints")
 
 
 def _joint_table(ranking: Ranking) -> PageTable:
-    joints = (Column(name) for name in shorten_names(ranking.joints, MAX_JOINT_NAME_LENGTH))
-    columns = (Column("smoother", numeric=False), Column("estimator", numeric=False), *joints)
+    joints = shorten_names(ranking.joints, MAX_JOINT_NAME_LENGTH)
     rows = []
     for row in ranking.standings:
         errors = row.ranking_errors(ranking.basis)
         cells = (number(errors.get(joint), 3) for joint in ranking.joints)
         rows.append((*display_names(row.combination), *cells))
-    basis = "on held-out motion" if ranking.basis == "validation" else "in cross-validation"
-    return PageTable(columns, tuple(rows), f"Relative torque error {basis} by joint, %")
+    return PageTable.of(NAMES, joints, rows, f"Relative torque error {BASES[ranking.basis]} by joint, %")
 
 
 def _truth_blocks(ranking: Ranking) -> Iterator[PageBlock]:
-    columns = (
-        Column("smoother", numeric=False), Column("estimator", numeric=False), Column("error, median %"),
-        Column("error, in bounds (rms)"), Column("intervals that hold it"), Column("of"),
-    )  # fmt: skip
+    heads: list[Head] = ["error, median %", "error, in bounds (rms)", "intervals that hold it", "of"]
     rows = [
         (
             *display_names(row.combination), number(row.truth.relative, 3),
@@ -340,41 +301,30 @@ def _truth_blocks(ranking: Ranking) -> Iterator[PageBlock]:
         "that any unbiased method can reach on these logs (about 1 where it is reached: one recording shows bias and "
         "spread together), and how many of the 95 % intervals hold the truth."
     )
-    yield PageTable(columns, tuple(rows), "Base parameters against the truth")
-    detail = [
-        row
-        for row in dict.fromkeys((ranking.choice, ranking.best, ranking.configured_entry))
-        if row is not None and row.truth
-    ]
-    for row in detail:
-        yield Fold(f"Base parameters of {with_words(row.combination)}", (_base_table(ranking, row),))
-
-
-def _base_table(ranking: Ranking, row: RankedCombination) -> PageTable:
-    columns = (Column("base parameter", numeric=False), Column("error"), Column("std"), Column("unit", numeric=False))
-    if row.truth is None:
-        return PageTable(columns, ())
-    pairs = zip(ranking.parameters, row.truth.error.tolist(), row.truth.std.tolist(), ranking.units, strict=True)
-    return PageTable(columns, tuple((name, number(e, 3), number(s, 2), unit) for name, e, s, unit in pairs))
+    yield PageTable.of(NAMES, heads, rows, "Base parameters against the truth")
+    heads = ["error", "std", Column("unit", numeric=False)]
+    for row in dict.fromkeys((ranking.choice, ranking.best, ranking.configured_entry)):
+        if row is not None and row.truth:
+            errors = zip(
+                ranking.parameters, row.truth.error.tolist(), row.truth.std.tolist(), ranking.units, strict=True
+            )
+            cells = ((name, number(error, 3), number(std, 2), unit) for name, error, std, unit in errors)
+            table = PageTable.of(("base parameter",), heads, cells)
+            yield Fold(f"Base parameters of {with_words(row.combination)}", (table,))
 
 
 def _failure_blocks(ranking: Ranking) -> Iterator[PageBlock]:
-    columns = (
-        Column("smoother", numeric=False), Column("estimator", numeric=False), Column("status", numeric=False),
-        Column("reason", numeric=False, prose=True),
-    )  # fmt: skip
     rows = [(*display_names(row.combination), row.outcome.value, row.reason) for row in ranking.failures]
     rows += [(row.smoother or "any", row.estimator or "any", "does not apply", row.reason) for row in ranking.absent]
-    yield PageTable(columns, tuple(rows), "Combinations without an error, and why")
+    reason = Column("reason", numeric=False, prose=True)
+    yield PageTable.of((*NAMES, "status"), (reason,), rows, "Combinations without an error, and why")
 
 
 def _parts_table(ranking: Ranking) -> PageTable:
-    time_offsets = {
-        name: f"; time offset {short(1000 * seconds, 3)} ms" for name, seconds in ranking.offsets.items() if seconds
-    }
-    rows = [
-        ("smoother", part.name, part_text(part.part) + time_offsets.get(part.name, "")) for part in ranking.smoothers
-    ]
+    rows = []
+    for part in ranking.smoothers:
+        offset = ranking.offsets.get(part.name)
+        words = f"; time offset {short(1000 * offset, 3)} ms" if offset else ""
+        rows.append(("smoother", part.name, part_text(part.part) + words))
     rows += [("estimator", part.name, part_text(part.part)) for part in ranking.estimators]
-    columns = (Column("", numeric=False), Column("name", numeric=False), Column("settings", numeric=False, prose=True))
-    return PageTable(columns, tuple(rows), "What was compared")
+    return PageTable.of(("", "name"), (Column("settings", numeric=False, prose=True),), rows, "What was compared")

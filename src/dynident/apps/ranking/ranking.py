@@ -10,19 +10,18 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.ranking.config import Candidate, Combination
 from dynident.apps.ranking.differences import MIN_RELATIVE_ERROR, SIGNIFICANCE_LEVEL, TrueParameters
 from dynident.identification import SubstituteUsed
 from dynident.motion.splines import NORMAL_95
 from dynident.runtime import Finding, Noun, Use, join_names
+from dynident.runtime.arrays import Array
 from dynident.runtime.jobs import Status
 
 if TYPE_CHECKING:
     import polars as pl
 
-Array = NDArray[np.float64]
 MIN_CONTRADICTION_RATIO = 1.1  # times the error of another in cross-validation, from which on the best is contradicted
 Basis = Literal["validation", "train"]
 MAX_SLIGHT_SHARE = 0.01  # of the least error: a difference that no use of a model shows
@@ -67,15 +66,12 @@ class TruthFigures(Noun):
         error, errors_std = np.array(value, dtype=float) - truth.value, np.array(std, dtype=float)
         with np.errstate(divide="ignore", invalid="ignore"):
             relative, scaled_error = 100.0 * np.abs(error / truth.value), error / truth.bound
-        is_known, is_finite = np.isfinite(error) & np.isfinite(errors_std), np.isfinite(scaled_error)
-        return cls(
-            error,
-            errors_std,
-            float(np.median(relative[np.isfinite(relative)])) if np.isfinite(relative).any() else math.nan,
-            float(np.sqrt(np.mean(scaled_error[is_finite] ** 2))) if is_finite.any() else math.nan,
-            int(np.sum(np.abs(error[is_known]) <= NORMAL_95 * errors_std[is_known])),
-            int(is_known.sum()),
-        )
+        relative, scaled_error = (x[np.isfinite(x)] for x in (relative, scaled_error))
+        median = float(np.median(relative)) if len(relative) else math.nan
+        over_bound = float(np.sqrt(np.mean(scaled_error**2))) if len(scaled_error) else math.nan
+        is_known = np.isfinite(error) & np.isfinite(errors_std)
+        covered = int(np.sum(np.abs(error[is_known]) <= NORMAL_95 * errors_std[is_known]))
+        return cls(error, errors_std, median, over_bound, covered, int(is_known.sum()))
 
 
 class RankedCombination(Noun):
@@ -214,18 +210,15 @@ class Ranking:
     def within_chance(self) -> tuple[RankedCombination, ...]:
         """The combinations that are not worse than the best by more than chance; the best alone where that is not
         known."""
-        return (
-            tuple(entry for entry in self.standings if not entry.is_worse)
-            if self.has_enough_blocks
-            else self.standings[:1]
-        )
+        if not self.has_enough_blocks:
+            return self.standings[:1]
+        return tuple(entry for entry in self.standings if not entry.is_worse)
 
     def hardly_worse(self, entry: RankedCombination) -> bool:
         """Return whether a combination is worse by more than chance, but its error surely by less than 1 % of the
         least."""
-        return (
-            self.has_enough_blocks and entry.is_worse and entry.interval[1] < MAX_SLIGHT_SHARE * self.standings[0].error
-        )
+        is_slight = entry.interval[1] < MAX_SLIGHT_SHARE * self.standings[0].error
+        return self.has_enough_blocks and entry.is_worse and is_slight
 
     @cached_property
     def as_good(self) -> tuple[RankedCombination, ...]:
@@ -313,9 +306,5 @@ class Ranking:
 
 def geometric_mean(by_joint: Mapping[str, float]) -> float:
     """Return the geometric mean over joints of the finite values, nan where there are none."""
-    finite_errors = np.array([value for value in by_joint.values() if math.isfinite(value)])
-    return (
-        float(np.exp(np.log(np.maximum(finite_errors, 100.0 * MIN_RELATIVE_ERROR)).mean()))
-        if len(finite_errors)
-        else math.nan
-    )
+    finite = np.array([value for value in by_joint.values() if math.isfinite(value)])
+    return float(np.exp(np.log(np.maximum(finite, 100.0 * MIN_RELATIVE_ERROR)).mean())) if len(finite) else math.nan

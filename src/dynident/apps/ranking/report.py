@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict
+from typing import Any
 
-from dynident.apps.ranking.ranking import CombinationOutcome, geometric_mean
+from dynident.apps.ranking.config import Combination
+from dynident.apps.ranking.ranking import CombinationOutcome, RankedCombination, Ranking, geometric_mean
 from dynident.report.check import finding_groups
 from dynident.report.page import Column, PageTable
-from dynident.runtime import count, join_names, number, part_text, percent, place_and_text, short
-
-if TYPE_CHECKING:
-    from dynident.apps.ranking.config import Combination
-    from dynident.apps.ranking.ranking import RankedCombination, Ranking
-    from dynident.runtime import Finding
+from dynident.runtime import Finding, count, join_names, number, part_text, percent, place_and_text, short
 
 MAX_ROWS, MAX_FINDINGS = 3, 2  # rows and sentences of a ranking in a terminal
 MAX_NAMED = 4  # combinations that a sentence names
@@ -37,12 +34,6 @@ def with_words(combination: Combination) -> str:
     return " with ".join(display_names(combination))
 
 
-def _basis_words(ranking: Ranking) -> str:
-    return (
-        "held-out motion" if ranking.basis == "validation" else "stretches of the training, predicted from the others"
-    )
-
-
 def ranking_findings(ranking: Ranking) -> tuple[str, ...]:
     """Return the comparison in sentences: which to take, equally good ones, the configured one, what is missing."""
     parts = (_check_lines, _basis_lines, _chance_lines, _rival_lines, _configured_lines, _truth_lines, _gap_lines)
@@ -56,9 +47,8 @@ def _check_lines(ranking: Ranking) -> Iterator[str]:
         yield f"Before any of them is used: {_finding_text(group)}"
     if len(groups) > MAX_NAMED:
         yield f"{len(groups) - MAX_NAMED} more such findings: see `dynident check`."
-    for group in finding_groups(
-        [finding for finding in ranking.findings if finding not in ranking.forbidding_findings]
-    )[:MAX_NAMED]:
+    others = [finding for finding in ranking.findings if finding not in ranking.forbidding_findings]
+    for group in finding_groups(others)[:MAX_NAMED]:
         yield f"What simulates is as right as its controller: {_finding_text(group)}"
 
 
@@ -250,26 +240,16 @@ def ranking_tables(ranking: Ranking, max_rows: int = MAX_ROWS) -> Iterator[PageT
     extra = [configured] if configured is not None and configured not in top and math.isfinite(configured.error) else []
     if top:
         top = top[: max_rows - len(extra)]
-        rows = tuple(_short_row(ranking, row) for row in (*top, *extra))
-        columns = (
-            Column("smoother", numeric=False),
-            Column("estimator", numeric=False),
-            Column("mean joint error, %"),
-            Column("from", "more than best"),
-            Column("to", "more than best"),
-            Column("s"),
-            Column("", numeric=False),
-        )
-        omitted = len(ranking.standings) - len(top)
-        caption = f"Ranked by {_basis_words(ranking)}" + (f"; {omitted} more with larger errors" if omitted > 0 else "")
-        yield PageTable(columns, rows, caption)
-
-
-def _short_row(ranking: Ranking, row: RankedCombination) -> tuple[str, ...]:
-    return (
-        *display_names(row.combination), number(row.error, 3), *interval_ends(ranking, row), number(row.seconds, 2),
-        mark_words(ranking, row),
-    )  # fmt: skip
+        rows = []
+        for row in (*top, *extra):
+            figures = (number(row.error, 3), *interval_ends(ranking, row), number(row.seconds, 2))
+            rows.append((*display_names(row.combination), *figures, mark_words(ranking, row)))
+        interval = (("from", "more than best"), ("to", "more than best"))
+        heads = ("mean joint error, %", *interval, "s", Column("", numeric=False))
+        omitted, is_held_out = len(ranking.standings) - len(top), ranking.basis == "validation"
+        basis = "held-out motion" if is_held_out else "stretches of the training, predicted from the others"
+        caption = f"Ranked by {basis}" + (f"; {omitted} more with larger errors" if omitted > 0 else "")
+        yield PageTable.of(("smoother", "estimator"), heads, rows, caption)
 
 
 def interval_ends(ranking: Ranking, row: RankedCombination) -> tuple[str, str]:
@@ -315,17 +295,11 @@ def ranking_dict(ranking: Ranking) -> dict[str, Any]:
         "within_chance": [_name_pair(row) for row in ranking.within_chance],
         "as_good": [_name_pair(row) for row in ranking.as_good],
         "parts": {
-            family: [
-                {"name": member.name, "own": member.is_configured, "settings": part_text(member.part)}
-                for member in parts
-            ]
+            family: [{"name": x.name, "own": x.is_configured, "settings": part_text(x.part)} for x in parts]
             for family, parts in (("smoothers", ranking.smoothers), ("estimators", ranking.estimators))
         },
         "rows": list(map(ranking.numbers, ranking.rows)),
-        "does_not_apply": [
-            {"smoother": absence.smoother, "estimator": absence.estimator, "reason": absence.reason}
-            for absence in ranking.absent
-        ],
+        "does_not_apply": list(map(asdict, ranking.absent)),
         "base_parameters": list(ranking.parameters),
     }
 

@@ -143,11 +143,9 @@ def _prepare_task(
     estimators: Sequence[str | Estimator] | None,
 ) -> tuple[Task, Parts]:
     """Return the task, and the smoothers and estimators that are compared on it."""
-    parts = (
-        smoother_candidates(project.config, smoothers),
-        estimator_candidates(project.config, project.model, estimators),
-    )
-    task, identification = create_task(project, folds, None)
+    chosen_estimators = estimator_candidates(project.config, project.model, estimators)
+    parts = smoother_candidates(project.config, smoothers), chosen_estimators
+    task, identification = create_task(project, folds)
     if not task.held_out and not folds:
         raise InputError(
             f"{project.path}: no log is held out, and without cross-validation there is nothing to rank by; name one "
@@ -206,12 +204,8 @@ def _rows_by_key(store: RowStore, keys: Sequence[tuple[str, str, str]]) -> list[
 
 
 def _common_samples(task: Task, smoothers: Sequence[Candidate], rows: Sequence[Mapping[str, Any]]) -> CommonSamples:
-    pairs = zip(smoothers, rows, strict=True)
-    masks = {
-        smoother.name: unpack_masks(row["masks"], task.motions)
-        for smoother, row in pairs
-        if row["status"] == CombinationOutcome.OK
-    }
+    working = [pair for pair in zip(smoothers, rows, strict=True) if pair[1]["status"] == CombinationOutcome.OK]
+    masks = {smoother.name: unpack_masks(row["masks"], task.motions) for smoother, row in working}
     if not masks:
         reasons = "; ".join(f"{row['smoother']}: {row['reason']}" for row in rows)
         raise InputError(f"no smoother works on these logs: {reasons.rstrip('.')}.")

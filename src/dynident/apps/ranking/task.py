@@ -76,12 +76,9 @@ def empty_row(
 ) -> dict[str, Any]:
     """Return a row without a result."""
     names = ("notes", "shift", "held", "alike", "train", "cross", "base", "std")
-    lists: dict[str, list[Any]] = {name: [] for name in names}
-    empty = dict.fromkeys(("cv_seconds", "chosen", "masks", "condition", "eigenvalue"))
-    return {
-        **dict(zip(KEY, key, strict=True)), "status": status.value, "reason": reason, "seconds": seconds, **lists,
-        **empty,
-    }  # fmt: skip
+    row: dict[str, Any] = {**dict(zip(KEY, key, strict=True)), "status": status.value, "reason": reason}
+    row |= {"seconds": seconds} | {name: [] for name in names}
+    return row | dict.fromkeys(("cv_seconds", "chosen", "masks", "condition", "eigenvalue"))
 
 
 def pack_masks(masks: Mapping[str, Mapping[str, Mask]]) -> bytes:
@@ -97,14 +94,9 @@ def unpack_masks(data: bytes, logs_by_role: Mapping[str, Mapping[str, Any]]) -> 
     """
     # one bit per sample, in the order of roles and logs
     bits = np.unpackbits(np.frombuffer(zlib.decompress(data), dtype=np.uint8)).astype(bool)
-    masks: dict[str, dict[str, Mask]] = {}
-    start = 0
-    for role, role_logs in logs_by_role.items():
-        masks[role] = {}
-        for name, log in role_logs.items():
-            masks[role][name] = bits[start : start + len(log)]
-            start += len(log)
-    return masks
+    lengths = [len(log) for logs in logs_by_role.values() for log in logs.values()]
+    parts = iter(np.split(bits, np.cumsum(lengths)))
+    return {role: {name: next(parts) for name in logs} for role, logs in logs_by_role.items()}
 
 
 class Task(Noun):
@@ -176,9 +168,8 @@ class Task(Noun):
 
         With ``fitted_only`` only equations that may be fitted count.
         """
-        return self.squares(
-            {name: motion.tau for name, motion in self.motions[role].items()}, masks, role, fitted_only=fitted_only
-        )
+        torques = {name: motion.tau for name, motion in self.motions[role].items()}
+        return self.squares(torques, masks, role, fitted_only=fitted_only)
 
     def squares(
         self, torques: Mapping[str, NDArray[np.float64]], masks: Masks, role: str, *, fitted_only: bool
@@ -191,7 +182,7 @@ class Task(Noun):
         return self.blocks[role].sums(squares_by_log)
 
 
-def create_task(project: Project, folds: int, truth: TrueParameters | None) -> tuple[Task, Identification]:
+def create_task(project: Project, folds: int) -> tuple[Task, Identification]:
     """Return the task that the recipe of a project makes of its logs, and the identification behind it.
 
     The estimator of this first fit is the fast substitute of the configured one, or least squares. Raises the
@@ -208,7 +199,10 @@ def create_task(project: Project, folds: int, truth: TrueParameters | None) -> t
         role: {name: replace(log, controller=None) for name, log in role_logs.items()}
         for role, role_logs in recorded.items()
     }
-    first_recipe = replace(project.recipe, estimator=_fast_estimator(project.recipe.estimator), restart=None)
+    estimator = project.recipe.estimator
+    has_substitute = type(estimator).quick is not Estimator.quick
+    fast_estimator = estimator.quick() if has_substitute else LeastSquares(weights="per_joint")
+    first_recipe = replace(project.recipe, estimator=fast_estimator, restart=None)
     identification = identify(project.model, uncontrolled["train"], uncontrolled["validation"], first_recipe)
     turning = turning_joints(project.config)
     checked = with_findings(identification, project.model, uncontrolled, project.recipe, multi_turn=turning)
@@ -221,25 +215,16 @@ def create_task(project: Project, folds: int, truth: TrueParameters | None) -> t
         motions[validation.role][validation.name] = validation.motion
     digest = _task_digest(project, recorded, folds)
     offset = identification.calibration.time_offset
-    return Task(
-        identification.model, identification.recipe, logs, motions, offset, folds, digest, truth, findings
-    ), identification
-
-
-def _fast_estimator(estimator: Estimator) -> Estimator:
-    has_substitute = type(estimator).quick is not Estimator.quick
-    return estimator.quick() if has_substitute else LeastSquares(weights="per_joint")
+    model, recipe = identification.model, identification.recipe
+    return Task(model, recipe, logs, motions, offset, folds, digest, findings=findings), identification
 
 
 def _task_digest(project: Project, logs: Mapping[str, Mapping[str, Log]], folds: int) -> str:
     """Return a digest that identifies this task: of the code, the settings with their files, the recordings."""
     source = project.sources.configuration
     settings = load_yaml(source.text if source else "", str(project.path))
-    relevant_settings = (
-        {key: value for key, value in settings.items() if key not in IGNORED_SECTIONS}
-        if isinstance(settings, dict)
-        else {}
-    )
+    settings = settings if isinstance(settings, dict) else {}
+    relevant_settings = {key: value for key, value in settings.items() if key not in IGNORED_SECTIONS}
     digest = sha256(f"{code_version()} {folds} {settings_digest(project.path.parent, relevant_settings)}".encode())
     # digest the samples themselves, as files may change under the same name
     for role, role_logs in logs.items():
@@ -268,31 +253,17 @@ class Smoothing(Noun):
         try:
             with one_thread():
                 alignment = self.task.align_smoother(candidate.parts, is_configured=candidate.is_configured)
-                part_number, shift = _part_number(candidate, alignment.smoother), offset_figures(alignment.time_offset)
+                plain, offset = strip_time_offset(alignment.smoother), alignment.time_offset
+                part_number = candidate.parts.index(plain) if plain in candidate.parts else 0
+                shift = [offset.seconds, offset.before, offset.after, *filter(None, [offset.std])] if offset else []
                 began = time.perf_counter()
                 motions = smoothed_motions(self.task, candidate, alignment.smoother)
             seconds = time.perf_counter() - began
-            masks = {
-                role: {name: motion.mask for name, motion in role_motions.items()}
-                for role, role_motions in motions.items()
-            }
+            masks = {role: {name: motions[role][name].mask for name in motions[role]} for role in motions}
         except Exception as error:  # a smoother that fails is a row
             return empty_row(key, *describe_failure(error), time.perf_counter() - began)
         columns = {"masks": pack_masks(masks), "chosen": part_number, "shift": shift}
         return empty_row(key, CombinationOutcome.OK, "", seconds) | columns
-
-
-def _part_number(candidate: Candidate, part: Smoother) -> int:
-    """Return the index of a part of a candidate."""
-    plain = strip_time_offset(part)
-    return candidate.parts.index(plain) if plain in candidate.parts else 0
-
-
-def offset_figures(offset: TimeOffset | None) -> list[float]:
-    """Return an estimated time offset as numbers for a row, empty where there is none."""
-    return (
-        [] if offset is None else [offset.seconds, offset.before, offset.after, *([offset.std] if offset.std else [])]
-    )
 
 
 def restore_alignment(part: Smoother, shift: Sequence[float], time_offset: float) -> Alignment:
@@ -346,13 +317,12 @@ def find_common_samples(task: Task, masks: Mapping[str, Mapping[str, Mapping[str
             median_count = float(np.median(list(sizes.values())))
             for name, count in sizes.items():
                 if count < MIN_SAMPLE_SHARE * median_count:
-                    excluded.setdefault(
-                        name, f"{log}: keeps {count} samples, where most smoothers keep {median_count:.0f}"
-                    )
-    included = [smoother_masks for name, smoother_masks in masks.items() if name not in excluded]
+                    words = f"{log}: keeps {count} samples, where most smoothers keep {median_count:.0f}"
+                    excluded.setdefault(name, words)
+    included = {name: smoother_masks for name, smoother_masks in masks.items() if name not in excluded}
     common = {
         role: {
-            log: np.logical_and.reduce([motion.mask, *(smoother_masks[role][log] for smoother_masks in included)])
+            log: np.logical_and.reduce([motion.mask, *(kept[role][log] for kept in included.values())])
             for log, motion in role_motions.items()
         }
         for role, role_motions in task.motions.items()
@@ -362,13 +332,11 @@ def find_common_samples(task: Task, masks: Mapping[str, Mapping[str, Mapping[str
         if not mask.any():
             raise InputError(f"{log}: no sample is kept by all smoothers; compare fewer of them.")
     shares = {log: 100.0 * float(mask.mean()) for log, mask in common_masks.items()}
-    kept_shares = {name: _kept_share(smoother_masks) for name, smoother_masks in masks.items() if name not in excluded}
+    kept_shares = {}
+    for name, kept in included.items():
+        all_masks = [mask for role_masks in kept.values() for mask in role_masks.values()]
+        kept_shares[name] = 100.0 * float(np.concatenate(all_masks).mean())
     return CommonSamples(common, excluded, shares, kept_shares)
-
-
-def _kept_share(masks: Mapping[str, Mapping[str, Mask]]) -> float:
-    """Return the part (%) of the samples of all logs where the masks are True."""
-    return 100.0 * float(np.concatenate([mask for role_masks in masks.values() for mask in role_masks.values()]).mean())
 
 
 def with_common_samples(task: Task, motions: Motions, common: CommonSamples) -> dict[str, dict[str, Motion]]:
@@ -380,7 +348,6 @@ def with_common_samples(task: Task, motions: Motions, common: CommonSamples) -> 
             fitted_mask = task.fitted_masks[role][name]
             # the torque and the equations are those of the configured smoother, the same for all candidates
             keep = None if fitted_mask.all() else fitted_mask
-            selected[role][name] = task.model.remembering(
-                replace(motion, mask=mask, tau=reference.tau, keep=keep, memory=None)
-            )
+            masked = replace(motion, mask=mask, tau=reference.tau, keep=keep, memory=None)
+            selected[role][name] = task.model.remembering(masked)
     return selected

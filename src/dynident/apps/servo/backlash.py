@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.servo.fit import SETTLING, ServoFit, joint_scale
 from dynident.apps.servo.plant import ServoLog, ServoPlant, ignore_divergence, import_mujoco, sample_path
@@ -15,8 +14,8 @@ from dynident.apps.servo.start import SmoothLog
 from dynident.apps.servo.suspects import choose_columns
 from dynident.apps.servo.values import ServoValues
 from dynident.runtime import Noun, report_progress
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 TRIAL = 0.01  # rad or m, of the gap whose effect is looked for
 MIN_SIZE, MAX_SIZE = 2e-3, 0.3  # rad or m: what is smaller is not told from other errors
 MIN_GAIN = 0.03  # share of the squared error that a gap must explain

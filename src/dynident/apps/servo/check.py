@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.servo.commands import command_findings
 from dynident.apps.servo.plant import ServoLog, ServoPlant
@@ -18,7 +17,6 @@ from dynident.project.drive_settings import ServoSettings
 from dynident.project.project import Project
 from dynident.runtime import DynidentError, Finding, Remark, Severity, number, percent
 
-Array = NDArray[np.float64]
 MAX_LIMIT_SHARE = 0.1  # of samples in which a servo gives all that it can
 LIMIT_SLACK = 0.98  # of a limit
 MIN_RATE = 25.0  # Hz

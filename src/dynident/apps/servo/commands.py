@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from dynident.apps.servo.start import SmoothLog, late_commands
 from dynident.runtime import Finding, Remark, number
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 LAGS = np.arange(-0.2, 0.4, 0.01)  # s, of positions behind commands, that are tried
 LAG_COST = 0.1  # of a correlation, per s
 MIN_CORRELATION = 0.6  # of a position with its command

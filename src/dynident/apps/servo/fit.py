@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.servo.plant import ServoPlant
 from dynident.apps.servo.start import SmoothLog, StateWindows
 from dynident.apps.servo.values import Entry, Quantity, ServoValues
 from dynident.runtime import ModelError, Noun, report_progress
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 SETTLING = 0.5  # s at the start of a rollout that are not compared: the speed there is not measured
 WINDOW = 0.5  # s, of short rollouts
 STATE_STEP = 1e-4  # rad and rad/s, of differences

@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.servo.fit import SETTLING, WINDOW, split_into_windows, window_residuals
 from dynident.apps.servo.plant import ServoLog, ServoPlant
 from dynident.apps.servo.start import SmoothLog
 from dynident.apps.servo.values import ServoValues
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_GOOD_ERROR, MAX_FAIR_ERROR = 0.02, 0.1  # of the spread of a joint's motion
 NOISE_FACTOR = 2.0  # times the noise of the positions: a smaller error is not seen
 
@@ -72,15 +71,12 @@ def roll_out(
 ) -> ServoRollout:
     """Return a recording beside its simulation with the fitted and with the file's values, delay and all."""
     log = motion.log
+    size = position_noise(log.q), log.q.std(axis=0)
     if values.takes_torque.any():
         simulated, before = (_in_windows(plant, motion, x) for x in (values, nominal))
-        misses = simulated - log.q
-        return ServoRollout(
-            log, role, simulated, before, _rms(misses), _rms(before - log.q), _rms(misses), position_noise(log.q),
-            log.q.std(axis=0),
-        )  # fmt: skip
-    simulated = plant.rollout(values, log, speeds=motion.speeds)[0]
-    before = plant.rollout(nominal, log, speeds=motion.speeds)[0]
+        error = _rms(simulated - log.q)
+        return ServoRollout(log, role, simulated, before, error, _rms(before - log.q), error, *size)
+    simulated, before = (plant.rollout(x, log, speeds=motion.speeds)[0] for x in (values, nominal))
     later = log.t > log.t[0] + SETTLING
     first = min(SETTLING, log.t[-1] - log.t[0] - WINDOW)  # of a short recording, the end
     starts = np.searchsorted(log.t, np.arange(log.t[0] + first, log.t[-1] - WINDOW + 1e-6, WINDOW))
@@ -88,10 +84,8 @@ def roll_out(
     # measured speeds are unsure where positions are counts: those of the simulation are taken
     windows = plant.rollout(values, log, list(starts), stops, np.gradient(simulated, log.t, axis=0))
     misses = np.vstack([path - log.q[a:b] for path, a, b in zip(windows, starts, stops, strict=True)])
-    return ServoRollout(
-        log, role, simulated, before, _rms((simulated - log.q)[later]), _rms((before - log.q)[later]), _rms(misses),
-        position_noise(log.q), log.q.std(axis=0),
-    )  # fmt: skip
+    errors = _rms((simulated - log.q)[later]), _rms((before - log.q)[later]), _rms(misses)
+    return ServoRollout(log, role, simulated, before, *errors, *size)
 
 
 def _in_windows(plant: ServoPlant, motion: SmoothLog, values: ServoValues) -> Array:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from dynident.apps.servo.values import ServoValues
 from dynident.runtime import ModelError, Noun, install_command
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
@@ -146,12 +146,11 @@ class ServoPlant(Noun):
             control[:, self.actuators] = self.controls(values, command)
             controls.append(control)
         history, _ = mujoco.rollout.rollout(model, data, np.array(states), np.array(controls))
-        places = 1 + self.positions  # the state begins with the time
-        return [
-            sample_path(np.vstack([states[i][places], history[i][:, places]]), (log.t[a:b] - log.t[a]) / self.step)
-            + values.offset
-            for i, (a, b) in enumerate(zip(starts, stops, strict=True))
-        ]
+        places, paths = 1 + self.positions, []  # the state begins with the time
+        for state, steps, a, b in zip(states, history, starts, stops, strict=True):
+            path = np.vstack([state[places], steps[:, places]])
+            paths.append(sample_path(path, (log.t[a:b] - log.t[a]) / self.step) + values.offset)
+        return paths
 
 
 def sample_path(path: Array, place: Array) -> Array:
@@ -190,8 +189,5 @@ def compile_plant(spec: Any, joints: Sequence[str], source: str) -> ServoPlant:
         if k < 0 or int(model.jnt_type[k]) < int(mujoco.mjtJoint.mjJNT_SLIDE):
             raise ModelError(f"{source}: {name!r} is no joint of one axis in MuJoCo's model.")
     ids = [servos[name].id for name in joints]
-    return ServoPlant(
-        model, tuple(joints), np.array(model.jnt_qposadr[places], dtype=np.intp),
-        np.array(model.jnt_dofadr[places], dtype=np.intp), np.array(ids, dtype=np.intp),
-        np.array(model.jnt_bodyid[places], dtype=np.intp),
-    )  # fmt: skip
+    columns = model.jnt_qposadr[places], model.jnt_dofadr[places], ids, model.jnt_bodyid[places]
+    return ServoPlant(model, tuple(joints), *(np.array(column, dtype=np.intp) for column in columns))

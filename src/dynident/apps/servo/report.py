@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.servo.judge import ServoRollout, ServoUse
 from dynident.apps.servo.predict import ServoPrediction
@@ -15,23 +14,10 @@ from dynident.apps.servo.values import FRICTION, Entry, Quantity
 from dynident.project.result_format import SERVO_FORMAT, SERVO_VERSION
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, INK, curve, panels
-from dynident.report.page import (
-    UNIT,
-    Badge,
-    Beside,
-    Column,
-    Facts,
-    Figure,
-    Fold,
-    Gallery,
-    PageSection,
-    PageTable,
-    render,
-)
+from dynident.report.page import UNIT, Badge, Beside, Facts, Figure, Fold, Gallery, PageSection, PageTable, render
 from dynident.report.page import pair_table as pairs
 from dynident.runtime import number
 
-Array = NDArray[np.float64]
 NUMBERS, PAGE, MODEL = "servo.json", "report.html", "robot.xml"
 INTERVAL = 1.96  # standard errors on each side, which hold 95 %
 TONES = {ServoUse.GOOD: "good", ServoUse.CARE: "fair", ServoUse.NO: "bad"}
@@ -40,6 +26,7 @@ UNITS = {  # of joints that turn, and of those that slide
     Quantity.KP: ("N m/rad", "N/m"), Quantity.OFFSET: ("rad", "m"), Quantity.COMMAND_OFFSET: ("rad", "m"),
     Quantity.MASS: ("", ""), Quantity.DELAY: ("s", "s"),
 }  # fmt: skip
+ERRORS = {"whole": "error", "half_second": "window_error", "file": "nominal_error", "noise": "noise"}
 NOT_JUDGED = "not judged: no recording is held out"
 
 
@@ -82,24 +69,19 @@ def parameter_table(result: ServoIdentification) -> PageTable:
         # of a delay, and of a kp that equals what was found, the file says nothing
         before = "" if entry.quantity is Quantity.DELAY or nominal == value else number(nominal, 4)
         rows.append((entry_name(entry, names), number(value, 4), number(std, 2), before, unit))
-    columns = (Column("parameter", numeric=False), Column("value"), Column("std. error"), Column("file"), UNIT)
-    return PageTable(columns, tuple(rows), "Values by which the simulated positions are nearest to the measured ones")
+    title = "Values by which the simulated positions are nearest to the measured ones"
+    return PageTable.of(("parameter",), ("value", "std. error", "file", UNIT), rows, title)
 
 
 def rollout_table(result: ServoIdentification | ServoPrediction) -> PageTable:
     """Return the errors of rollouts by recording and joint, in mrad or mm."""
     rows = [
-        (rollout.log.name, rollout.role, joint.name, *(number(1e3 * float(x[k]), 3) for x in _errors(rollout)))
-        for rollout in result.rollouts
+        (r.log.name, r.role, joint.name, *(number(1e3 * float(getattr(r, name)[k]), 3) for name in ERRORS.values()))
+        for r in result.rollouts
         for k, joint in enumerate(result.joints)
     ]
-    texts = (Column("recording", numeric=False), Column("role", numeric=False), Column("joint", numeric=False))
-    heads = tuple(map(Column, ("whole", "0.5 s", "file, whole", "noise")))
-    return PageTable((*texts, *heads), tuple(rows), "Errors of rollouts (root mean squares), mrad or mm")
-
-
-def _errors(rollout: ServoRollout) -> tuple[Array, ...]:
-    return rollout.error, rollout.window_error, rollout.nominal_error, rollout.noise
+    title = "Errors of rollouts (root mean squares), mrad or mm"
+    return PageTable.of(("recording", "role", "joint"), ("whole", "0.5 s", "file, whole", "noise"), rows, title)
 
 
 def suspect_lines(result: ServoIdentification) -> tuple[str, ...]:
@@ -117,28 +99,19 @@ def servo_page(result: ServoIdentification) -> str:
     """Return the result as one HTML page."""
     use, fit = result.use, result.fit
     badge = Badge(str(use or NOT_JUDGED), TONES[use] if use else "fair")  # type: ignore[arg-type]
-    facts = Facts(
-        (
-            (f"{number(1e3 * fit.values.delay)} ms", "from command to position"),
-            (f"{number(1e3 * float(fit.scale.max()), 2)} mrad", "largest error of a joint in training"),
-            (f"{len(fit.entries)}", "values fitted"),
-        )
-    )
+    largest = f"{number(1e3 * float(fit.scale.max()), 2)} mrad", "largest error of a joint in training"
+    delay = f"{number(1e3 * fit.values.delay)} ms", "from command to position"
+    facts = Facts((delay, largest, (f"{len(fit.entries)}", "values fitted")))
     judged = [rollout for rollout in result.rollouts if rollout.role == "validation"] or result.rollouts
     worst = max(judged, key=lambda rollout: float(rollout.error.max()))
     k = int(worst.error.argmax())
-    picture = Figure(
-        _drawing(worst, k, bool(fit.values.takes_torque[k])),
-        f"The worst joint: {result.joints[k].name} on {worst.log.name}.",
-    )
-    views = tuple(
-        (
-            (f"{r.log.name} ({r.role})", joint.name),
-            (Figure(_drawing(r, k, is_torque), "" if is_torque else "The command acts late."),),
-        )
-        for r in sorted(result.rollouts, key=lambda r: r.role != "validation")
-        for k, (joint, is_torque) in enumerate(zip(result.joints, fit.values.takes_torque.tolist(), strict=True))
-    )
+    caption = f"The worst joint: {result.joints[k].name} on {worst.log.name}."
+    picture = Figure(_drawing(worst, k, bool(fit.values.takes_torque[k])), caption)
+    views = []
+    for r in sorted(result.rollouts, key=lambda r: r.role != "validation"):
+        for k, (joint, is_torque) in enumerate(zip(result.joints, fit.values.takes_torque.tolist(), strict=True)):
+            figure = Figure(_drawing(r, k, is_torque), "" if is_torque else "The command acts late.")
+            views.append(((f"{r.log.name} ({r.role})", joint.name), (figure,)))
     notes = (*suspect_lines(result), *result.warnings)
     method = (
         "The arm is simulated in MuJoCo from the first sample of each recording, driven by the commands; "
@@ -149,7 +122,9 @@ def servo_page(result: ServoIdentification) -> str:
         PageSection("Verdict", (Beside((verdict_words(result), facts), (picture,)),), badge),
         PageSection("Warnings", (notes or "None.",)),
         PageSection("Values", (parameter_table(result), method)),
-        PageSection("Rollouts beside the measurement", (Gallery(("recording", "joint"), views), rollout_table(result))),
+        PageSection(
+            "Rollouts beside the measurement", (Gallery(("recording", "joint"), tuple(views)), rollout_table(result))
+        ),
         PageSection("Files", (Fold("SHA-256 of the files read", (pairs("file", list(result.hashes.items())),)),)),
     ]
     lead = f"{len(result.joints)} servos, identified from commands and positions; {MODEL} is the model."
@@ -183,10 +158,9 @@ def servo_dict(result: ServoIdentification) -> dict[str, Any]:
         for entry, value, std, nominal in rows_of(result)
     ]  # fmt: skip
     rollouts = [
-        {"name": r.log.name, "role": r.role, "whole": r.error, "half_second": r.window_error, "file": r.nominal_error,
-         "noise": r.noise}
+        {"name": r.log.name, "role": r.role} | {key: getattr(r, name) for key, name in ERRORS.items()}
         for r in result.rollouts
-    ]  # fmt: skip
+    ]
     return {
         "format": SERVO_FORMAT, "version": SERVO_VERSION,
         "robot": result.name, "use": None if result.use is None else str(result.use),

@@ -9,7 +9,6 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.servo.backlash import add_gaps
 from dynident.apps.servo.plant import ServoLog, ServoPlant, compile_plant, ignore_divergence, import_mujoco
@@ -18,8 +17,8 @@ from dynident.files.xml_text import XmlNode, XmlText
 from dynident.project.config import robot_text
 from dynident.project.settings import RobotSettings
 from dynident.runtime import ModelError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 UNSEEN = ("visual", "collision", "transmission", "gazebo", "material")  # of a URDF: what the motion does not need
 MAX_ROLLOUT_DIFFERENCE = 1e-6  # rad or m, of the written file from the model that was fitted
 MAX_PROOF_STEPS = 2000
@@ -37,18 +36,14 @@ def mjcf_text(path: Path) -> str:
         if node.tag in UNSEEN and node is not xml.root:
             xml.delete(node)
     try:
-        spec = mujoco.MjSpec.from_string(_outer_edits(str(xml)))
+        # MuJoCo keeps links without moving joints apart, as the file has them
+        outer = XmlText(str(xml))
+        outer.insert(outer.root, '<mujoco><compiler fusestatic="false" discardvisual="true"/></mujoco>')
+        spec = mujoco.MjSpec.from_string(str(outer))
         spec.compile()
         return str(spec.to_xml())
     except ValueError as error:
         raise ModelError(f"{path.name}: MuJoCo cannot compile it: {error}") from error
-
-
-def _outer_edits(xml: str) -> str:
-    """Return a URDF in which MuJoCo keeps links without moving joints apart, as the file has them."""
-    text = XmlText(xml)
-    text.insert(text.root, '<mujoco><compiler fusestatic="false" discardvisual="true"/></mujoco>')
-    return str(text)
 
 
 def load_plant(
@@ -59,17 +54,13 @@ def load_plant(
 
     Raises ModelError where MuJoCo cannot compile it.
     """
-    spec = _spec(text, source)
-    if settings.gravity != EARTH_GRAVITY:
-        spec.option.gravity = settings.gravity
-    if settings.lock:
-        _lock_joints(spec, settings.lock, source)
+    spec = _spec(settings, text, source)
     add_gaps(spec, gaps)
     return compile_plant(spec, joints, source)
 
 
-def _spec(text: str, source: str) -> Any:
-    """Return MuJoCo's specification of an MJCF text, without what needs other files."""
+def _spec(settings: RobotSettings, text: str, source: str) -> Any:
+    """Return MuJoCo's specification of an MJCF text, without what needs other files and with its joints locked."""
     mujoco = import_mujoco()
     try:
         spec = mujoco.MjSpec.from_string(text)
@@ -82,6 +73,10 @@ def _spec(text: str, source: str) -> Any:
         geom.material = ""
     for element in (*spec.skins, *spec.meshes, *spec.hfields, *spec.materials, *spec.textures):
         spec.delete(element)
+    if settings.gravity != EARTH_GRAVITY:
+        spec.option.gravity = settings.gravity
+    if settings.lock:
+        _lock_joints(spec, settings.lock, source)
     return spec
 
 
@@ -199,11 +194,7 @@ def rollout_difference(
 
     The written file gets the commands as they were sent, and its own delay holds them back; the model gets them late.
     """
-    written = _spec(text, source)
-    if settings.gravity != EARTH_GRAVITY:
-        written.option.gravity = settings.gravity
-    if settings.lock:
-        _lock_joints(written, settings.lock, source)
+    written = _spec(settings, text, source)
     lead = math.ceil(values.delay / plant.step) + 2
     count = min(math.ceil((log.t[-1] - log.t[0]) / plant.step), MAX_PROOF_STEPS)
     sent = plant.controls(values, log.commands_at(log.t[0] - lead * plant.step, plant.step, count + lead, 0.0))

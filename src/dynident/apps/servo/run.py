@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.servo.backlash import Backlash, find_backlash
 from dynident.apps.servo.commands import command_findings
@@ -28,8 +27,8 @@ from dynident.project.logs import read_recording, read_unchecked, turning_joints
 from dynident.project.project import Project, log_files
 from dynident.project.settings import Config, LogSpec, RobotSettings, check_joints
 from dynident.runtime import ConfigError, ModelError, Noun, Severity, number, report_progress, require
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_NOISE_RATIO = 1.3  # of residuals to noise, beyond which another kind of commands is tried
 MAX_ROUNDS = 2  # of testing what is given and fitting it too
 
@@ -173,7 +172,9 @@ def choose_fit(
     entries += [Entry(Quantity.KP, k) for k in joints if free_kp[k]]
     entries += [Entry(Quantity.DELAY, 0)] if free_delay else []
     motions, fit = fit_windows(plant, motions, start, entries)
-    if settings.commands == "estimate" and _is_unexplained(fit, motions):
+    # the simulation misses positions by clearly more than their noise
+    is_unexplained = (fit.scale > MAX_NOISE_RATIO * position_noise(motions[0].log.q)).any()
+    if settings.commands == "estimate" and is_unexplained:
         motions, fit = _try_interpolated(plant, motions, nominal, fit)
     suspects: list[Entry] = []
     for _ in range(MAX_ROUNDS):
@@ -198,11 +199,6 @@ def fit_windows(
         fit = fit_values(plant, windows, values, entries)
         values = fit.values
     return windows, fit
-
-
-def _is_unexplained(fit: ServoFit, motions: Sequence[SmoothLog]) -> bool:
-    """Whether the simulation misses positions by clearly more than their noise."""
-    return bool((fit.scale > MAX_NOISE_RATIO * position_noise(motions[0].log.q)).any())
 
 
 def _try_interpolated(

@@ -13,8 +13,8 @@ from dynident.apps.servo.plant import ServoLog, ServoPlant, import_mujoco
 from dynident.apps.servo.values import ServoValues
 from dynident.motion.filters import butterworth, zero_phase
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_DELAY = 0.2  # s
 DELAY_STEP = 0.004  # s, of the scan
 CUTOFF = 6.0  # Hz, of the low-pass that positions and torques pass alike

@@ -5,23 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.servo.fit import ServoFit, correlated_sum, joint_scale, sensitivity
 from dynident.apps.servo.plant import ServoPlant
 from dynident.apps.servo.start import SmoothLog
 from dynident.apps.servo.values import Entry, Quantity
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MIN_GAIN = 0.05  # share of the squared error that an entry must explain
 MIN_SCORE = 3.0  # standard errors of its score, correlated over time
 MIN_OWN_SHARE = 1e-4  # of its effect that no fitted entry has
-MIN_CHANGES = {
-    Quantity.KP: 0.03,
-    Quantity.MASS: 0.05,
-    Quantity.OFFSET: 3e-3,
-    Quantity.COMMAND_OFFSET: 3e-3,
-}  # of the logarithm, and rad
+# of the logarithm, and rad
+MIN_CHANGES = {Quantity.KP: 0.03, Quantity.MASS: 0.05, Quantity.OFFSET: 3e-3, Quantity.COMMAND_OFFSET: 3e-3}
 
 
 def suspect_entries(plant: ServoPlant, motions: Sequence[SmoothLog], fit: ServoFit) -> dict[Entry, float]:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_DROP = 2.0  # of a logarithm, in one step
 MAX_RISE, RETURN_VALUE = 3.0, 0.1  # factor in one step, and SI, to which a value near zero may come back in one
 LONGEST_DELAY = 1.0  # s, that a search comes to

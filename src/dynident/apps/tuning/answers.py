@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dash import ctx, html, no_update
 from dash.exceptions import PreventUpdate
 
 from dynident.apps.tuning import readout
+from dynident.apps.tuning.bench import Bench
+from dynident.apps.tuning.curve import SmoothedJoint
 from dynident.apps.tuning.drawings import (
     OTHER_SETTING,
     Zoom,
@@ -20,20 +22,15 @@ from dynident.apps.tuning.drawings import (
     torque_drawing,
 )
 from dynident.apps.tuning.edit import apply_control, degree_words, setting_changes
+from dynident.apps.tuning.quick_fit import QuickFit
 from dynident.apps.tuning.readout import parameter_table
-from dynident.apps.tuning.session import Stale, tuned_paths
+from dynident.apps.tuning.session import Session, Stale, tuned_paths
+from dynident.apps.tuning.tuning import Tuning
 from dynident.apps.tuning.view import View
+from dynident.report import Array, Drawing
 from dynident.report.figures import time_origin
 from dynident.report.page import typeset
 from dynident.runtime import DynidentError, number
-
-if TYPE_CHECKING:
-    from dynident.apps.tuning.bench import Bench
-    from dynident.apps.tuning.curve import SmoothedJoint
-    from dynident.apps.tuning.quick_fit import QuickFit
-    from dynident.apps.tuning.session import Session
-    from dynident.apps.tuning.tuning import Tuning
-    from dynident.report import Array, Drawing
 
 
 class Page:
@@ -114,12 +111,8 @@ class Page:
         unit, fine = bench.switches.model.joints[joint].unit, bool(request.get("fine"))
         windows, zoom = tuning.windows(view.log), _zoom_window(request)
         motion = motion_drawing(smoothed, unit, windows, zoom, fine=fine, beside=beside)
-        reply = {
-            "motion": drawing_data(motion),
-            "words": _smoothing_words(smoothed, unit),
-            "zero": time_origin(smoothed.t),
-        }
-        reply["degree"] = degree_words(tuning.degree[joint])
+        reply: dict[str, Any] = {"motion": drawing_data(motion), "words": _smoothing_words(smoothed, unit)}
+        reply |= {"zero": time_origin(smoothed.t), "degree": degree_words(tuning.degree[joint])}
         return reply | ({"residual": drawing_data(residual_drawing(smoothed, unit))} if fine else {})
 
     def fit(self, search: str, last: Mapping[str, Any] | None, tab: str) -> Any:
@@ -136,13 +129,8 @@ class Page:
         before = self._setting_before(view.tuning, last)
         last_fit = None if before is None else bench.fit(before)
         history = last if last.get("now") == search else {**last, "now": search, "before": last.get("now")}
-        return (
-            history,
-            readout.numbers(fit, last_fit),
-            readout.errors(fit, last_fit, view.joint),
-            parameter_table(fit, last_fit),
-            "",
-        )
+        errors = readout.errors(fit, last_fit, view.joint)
+        return history, readout.numbers(fit, last_fit), errors, parameter_table(fit, last_fit), ""
 
     def _setting_before(self, tuning: Tuning, last: Mapping[str, Any]) -> Tuning | None:
         """Return the setting to compare with: the one that was kept, else that before; None where there is none."""
@@ -262,18 +250,11 @@ def _control_values(view: View, bench: Bench) -> dict[str, Any]:
 def _windows(tuning: Tuning) -> Any:
     if not tuning.excluded:
         return html.P("None. Drag over the curves, or give times.", className="muted")
-    return html.Ul(
-        [
-            html.Li(
-                [
-                    f"{log}: {number(start, 4)} to {number(stop, 4)} s ",
-                    html.Button("use again", id={"button": f"include:{k}"}, className="quiet small"),
-                ]
-            )
-            for k, (log, start, stop) in enumerate(tuning.excluded)
-        ],
-        className="windows",
-    )
+    items = []
+    for k, (log, start, stop) in enumerate(tuning.excluded):
+        button = html.Button("use again", id={"button": f"include:{k}"}, className="quiet small")
+        items.append(html.Li([f"{log}: {number(start, 4)} to {number(stop, 4)} s ", button]))
+    return html.Ul(items, className="windows")
 
 
 def _smoothing_words(smoothed: SmoothedJoint, unit: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dash import ALL, ClientsideFunction, Dash, Input, Output, State, set_props
 from dash.exceptions import PreventUpdate
@@ -15,10 +15,8 @@ from werkzeug.exceptions import HTTPException
 from dynident.apps.tuning.answers import Page
 from dynident.apps.tuning.layout import tuning_page
 from dynident.apps.tuning.request_fields import is_well_formed
+from dynident.apps.tuning.session import Session
 from dynident.report.page import stylesheet
-
-if TYPE_CHECKING:
-    from dynident.apps.tuning.session import Session
 
 FAULT_TEXT = "This is a fault of dynident, which its terminal describes: {}"
 

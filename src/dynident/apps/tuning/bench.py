@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.tuning.curve import DegreeCurve, SmoothedJoint, degree_curve, rule_degrees, smoothed_joint
 from dynident.apps.tuning.quick_fit import QuickFit, fold_factors, quick_fit
@@ -25,9 +24,9 @@ from dynident.motion.smoothers import Smoother, Spline, TimeShifted, smooth_log,
 from dynident.motion.splines import Constraint
 from dynident.regression import Regression, merge_factors, one_thread
 from dynident.runtime import ConfigError, choices, join_names
+from dynident.runtime.arrays import Array
 from dynident.runtime.cache import Cache
 
-Array = NDArray[np.float64]
 Logs = Mapping[str, Mapping[str, Log]]
 Columns = tuple[Array, Mapping[str, Array]]  # stamps (N, s), and columns (N) by name
 T = TypeVar("T")
@@ -82,21 +81,16 @@ class Bench:
         ``estimator`` is the kind of the estimator, by default the name of its class.
         """
         joints = tuple(joint.name for joint in model.joints)
-        read_logs = {
-            role: {name: log.select(joints) for name, log in by_name.items()} for role, by_name in logs.items()
-        }
+        read_logs = _map_logs(logs, lambda _, log: log.select(joints))
         motions = [validation.motion for validation in identification.validations if validation.role == "train"]
         offers = Offers.of(identification.model, identification.estimate.value, motions) if switchable else None
         # Chosen terms are at the end of the identified model; the configured model lacks them.
         full_model = replace(model, terms=(*model.terms, *identification.model.terms[len(model.terms) :]))
         switches = Switches.of(full_model, offers)
         kind, estimators = estimators_of(identification.recipe.estimator, estimator)
-        full_logs = {
-            role: {name: log.include_all() for name, log in by_name.items()} for role, by_name in read_logs.items()
-        }
-        return cls(
-            switches, full_logs, identification, start_of(identification, switches.start, read_logs, kind), estimators
-        )
+        full_logs = _map_logs(read_logs, lambda _, log: log.include_all())
+        start = start_of(identification, switches.start, read_logs, kind)
+        return cls(switches, full_logs, identification, start, estimators)
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
@@ -107,11 +101,6 @@ class Bench:
     def log_names(self) -> tuple[str, ...]:
         """Names of all logs, those of the training first."""
         return tuple(name for by_name in self.logs.values() for name in by_name)
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Kinds of terms that can be switched on a joint; none where the model is not built of a robot file."""
-        return self.switches.kinds
 
     @property
     def estimators(self) -> tuple[str, ...]:
@@ -135,7 +124,7 @@ class Bench:
 
     def check(self, tuning: Tuning) -> None:
         """Raise ConfigError where a tuning does not fit this bench."""
-        tuning.check(self.joints, self.log_names, self.kinds, self.estimators)
+        tuning.check(self.joints, self.log_names, self.switches.kinds, self.estimators)
 
     def model(self, tuning: Tuning) -> Model:
         """Return the model of a tuning, on a level base, as a configuration with its settings builds it."""
@@ -165,7 +154,7 @@ class Bench:
             raise ConfigError(f"there is no log {log!r} with a joint {joint!r}.")
         logs, j = self._role_logs(tuning), self.joints.index(joint)
         repaired = logs.repaired[role][log]
-        noise = float(self._noise(repaired)[j])
+        noise = float(noise_of(self._plain_spline, repaired)[j])
 
         def make_motion() -> Motion:
             spline = replace(self._plain_spline, sigma=noise, factor=10.0 ** (tuning.degree[j] / 2.0))
@@ -224,9 +213,8 @@ class Bench:
             recipe, logs, full_model = self.recipe(tuning), self._role_logs(tuning), self.model(tuning)
             preliminary_model, selection = drop_load_dependence(full_model), recipe.selection(full_model.joints)
             motions = logs.prepare_motions(preliminary_model, self._motions(tuning, tuning.time_offset), recipe)
-            model = with_load(
-                full_model, self._tilt_base(preliminary_model), motions.train, recipe.estimator, selection
-            )
+            tilted_model = self._tilt_base(preliminary_model)
+            model = with_load(full_model, tilted_model, motions.train, recipe.estimator, selection)
             train_motions = tuple(map(model.remembering, motions.train))
             regression = Regression(model, train_motions, selection)
             folds = fold_factors(regression)
@@ -238,10 +226,10 @@ class Bench:
         with one_thread():
             logs = cut_excerpts(list(self._role_logs(tuning).repaired["train"].values()))
             model = self._tilt_base(drop_load_dependence(self.model(tuning)))
-            ends = self._plain_spline.ends
+            plain = self._plain_spline
 
             def marks() -> dict[str, tuple[float, ...]]:
-                return rule_degrees(logs, [self._noise(log) for log in logs], ends)
+                return rule_degrees(logs, [noise_of(plain, log) for log in logs], plain.ends)
 
             def spline(degree: tuple[float, ...]) -> Smoother:
                 return _with_time_offset(self._tuned_spline(degree), tuning.time_offset)
@@ -260,10 +248,7 @@ class Bench:
         """Return the logs by role, without the excluded windows."""
 
         def make_logs() -> Dataset:
-            roles = {
-                role: {name: log.exclude(tuning.windows(name)) for name, log in by_name.items()}
-                for role, by_name in self.logs.items()
-            }
+            roles = _map_logs(self.logs, lambda name, log: log.exclude(tuning.windows(name)))
             recipe = replace(self.identification.recipe, unfitted=tuning.unfitted)
             return Dataset.of(roles["train"], roles["validation"], recipe, self.joints)
 
@@ -292,8 +277,10 @@ class Bench:
         smoother = self.smoother
         return Spline(Constraint(), smoother.sigma, smoother.ends) if isinstance(smoother, Spline) else Spline()
 
-    def _noise(self, log: Log) -> Array:
-        return noise_of(self._plain_spline, log)
+
+def _map_logs(logs: Logs, change: Callable[[str, Log], Log]) -> dict[str, dict[str, Log]]:
+    """Return logs by role and name, each changed."""
+    return {role: {name: change(name, log) for name, log in by_name.items()} for role, by_name in logs.items()}
 
 
 def _with_time_offset(smoother: Smoother, time_offset: float) -> Smoother:

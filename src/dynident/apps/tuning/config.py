@@ -46,10 +46,8 @@ def _other_columns(project: Project, log: str) -> Columns:
     spec = recording_of(log, (*config.train, *config.validation))
     if spec is None:
         return np.zeros(0), {}
-    recorded, used = (
-        signals(read_recording(spec), config, project.model.joints, measured=True),
-        column_names(config, spec),
-    )
+    recorded = signals(read_recording(spec), config, project.model.joints, measured=True)
+    used = column_names(config, spec)
     columns = recorded.table.columns.items()
     return recorded.t, {name: x for name, x in columns if name not in used and len(x) == len(recorded.t)}
 
@@ -67,9 +65,9 @@ def tuned_text(project: Project, bench: Bench, tuning: Tuning, path: Path) -> st
     for role, specs in (("train", project.config.train), ("validation", project.config.validation)):
         for spec, entry in zip(specs, settings.get(role, ()), strict=True):
             logs = (log for name, log in bench.logs[role].items() if recording_of(name, specs) is spec)
-            entry["exclude"] = [list(window) for log in logs for window in _clip_windows(tuning, log)]
-            if not entry["exclude"]:
-                del entry["exclude"]
+            entry.pop("exclude", None)
+            if windows := [list(window) for log in logs for window in _clip_windows(tuning, log)]:
+                entry["exclude"] = windows
     return settings_text(settings, {"": [f"{project.path.name}, tuned by hand with `dynident tune`"]})
 
 

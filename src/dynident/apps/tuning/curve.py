@@ -17,8 +17,8 @@ from dynident.motion.smoothers import Smoother, Spline, smooth_log
 from dynident.motion.smoothers.spline import NOISE_FACTORS
 from dynident.motion.splines import GCV, NORMAL_95, REML, stretches
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 MIN_DEGREE = -6.0  # log10(S/n) of a spline through the data
 MAX_LAGS = 400  # of the autocorrelation, at most
@@ -99,21 +99,9 @@ def smoothed_joint(recorded: Log, repaired: Log, motion: Motion, joint: str, noi
     def smoothing_figure(name: str) -> float:
         return float(motion.smoothing[name][j]) if name in motion.smoothing else float("nan")
 
-    return SmoothedJoint(
-        motion.source,
-        joint,
-        motion.t,
-        recorded.q[:, k],
-        motion.q[:, j],
-        motion.dq[:, j],
-        motion.ddq[:, j],
-        residual,
-        motion.mask,
-        noise,
-        degree_of(residual, noise),
-        smoothing_figure("cutoff"),
-        smoothing_figure("edf"),
-    )
+    states = recorded.q[:, k], motion.q[:, j], motion.dq[:, j], motion.ddq[:, j]
+    figures = noise, degree_of(residual, noise), smoothing_figure("cutoff"), smoothing_figure("edf")
+    return SmoothedJoint(motion.source, joint, motion.t, *states, residual, motion.mask, *figures)
 
 
 class DegreeCurve(Noun):
@@ -144,8 +132,7 @@ def degree_curve(
     ``spline`` makes a smoother of degrees (n), ``tuned`` are the current ones. Raises InputError where no degree
     leaves samples that can be judged.
     """
-    degree_vectors = [_set_degree(tuned, degree, joint) for degree in DEGREES]
-    motions_by_degree = [_motions(model, logs, spline(vector)) for vector in degree_vectors]
+    motions_by_degree = [_motions(model, logs, spline(_set_degree(tuned, degree, joint))) for degree in DEGREES]
     usable = [sum(int(motion.mask.sum()) for motion in motions) for motions in motions_by_degree]
     # Wide smoothing loses the ends of the logs: drop degrees that would leave too few common samples.
     usable_degrees = [k for k, count in enumerate(usable) if count > MIN_USABLE_SHARE * max(usable)]
@@ -153,19 +140,14 @@ def degree_curve(
         raise InputError(f"{logs[0].source}: no degree of smoothing leaves samples to judge it by; exclude less.")
     usable_motions = [motions_by_degree[k] for k in usable_degrees]
     # Every degree is judged on the same samples, those that are reliable for all.
-    masks = [
-        np.logical_and.reduce([log_motion.mask for log_motion in log_motions])
-        for log_motions in zip(*usable_motions, strict=True)
-    ]
-    masked_motions = [
-        [replace(motion, mask=mask) for motion, mask in zip(motions, masks, strict=True)] for motions in usable_motions
-    ]
-    errors = np.array([cross_validated_error(model, thin_motions(motions, ROWS)) for motions in masked_motions])
+    masks = [np.logical_and.reduce([motion.mask for motion in of_log]) for of_log in zip(*usable_motions, strict=True)]
+    errors = np.zeros(len(usable_degrees))
+    for k, motions in enumerate(usable_motions):
+        masked = [replace(motion, mask=mask) for motion, mask in zip(motions, masks, strict=True)]
+        errors[k] = cross_validated_error(model, thin_motions(masked, ROWS))
     degrees = np.array([DEGREES[k] for k in usable_degrees])
-    best_degrees = _set_degree(tuned, _best_degree(degrees, errors), joint)
-    return DegreeCurve(
-        degrees, errors, None if joint is None else model.joints[joint].name, {TORQUE_MARK: best_degrees}
-    )
+    marks = {TORQUE_MARK: _set_degree(tuned, _best_degree(degrees, errors), joint)}
+    return DegreeCurve(degrees, errors, None if joint is None else model.joints[joint].name, marks)
 
 
 def _best_degree(degrees: Array, errors: Array) -> float:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from dynident.apps.tuning.curve import DegreeCurve, SmoothedJoint
+from dynident.apps.tuning.quick_fit import LogPrediction
 from dynident.report import Array, Drawing, thin
 from dynident.report.figures import (
     AMBER,
@@ -26,10 +28,6 @@ from dynident.report.figures import (
     with_gaps,
 )
 from dynident.runtime import shorten_names
-
-if TYPE_CHECKING:
-    from dynident.apps.tuning.curve import DegreeCurve, SmoothedJoint
-    from dynident.apps.tuning.quick_fit import LogPrediction
 
 Zoom = tuple[float, float] | None  # s of the log, None for all of it
 Curve = tuple[int, str, Array, str, float]  # row, name, values, colour, width
@@ -130,10 +128,13 @@ def residual_drawing(smoothed: SmoothedJoint, unit: str) -> Drawing:
     figure.layout["yaxis2"] |= {"domain": [0.0, 1.0], "title": {"text": "autocorrelation"}}
     shapes = []
     if np.isfinite(smoothed.cutoff) and smoothed.cutoff > 0:
-        shapes.append(_vertical_line("x", "y domain", smoothed.cutoff))
-        figure.layout["annotations"] = [_annotation("cut-off", float(np.log10(smoothed.cutoff)), "x")]
+        shapes.append(_vertical_line(smoothed.cutoff))
+        place = {"xref": "x", "x": float(np.log10(smoothed.cutoff)), "yref": "y domain", "y": 1}
+        place |= {"yanchor": "top", "xanchor": "left"}
+        figure.layout["annotations"] = [{"text": "cut-off", "showarrow": False, "font": {"size": 11}, **place}]
     if np.isfinite(white):
-        shapes.append(_noise_band(white))
+        band = {"type": "rect", "xref": "x2 domain", "yref": "y2", "x0": 0, "x1": 1, "y0": -white, "y1": white}
+        shapes.append({**band, "line": {"width": 0}, "fillcolor": LEFT_OUT_COLOUR, "layer": "below"})
     figure.layout.update(shapes=shapes, showlegend=False, margin=MARGIN, hovermode="x", font={"size": 12})
     return figure
 
@@ -151,14 +152,8 @@ def curve_drawing(degree_curve: DegreeCurve, at: float, joint: int, alone: bool)
     figure.add(trace("scatter", x=x, y=y, text=names, **look))
     labels, level_count = _mark_labels(marks)
     figure.layout["annotations"] = labels
-    lines = [_vertical_line("x", "y domain", degree) for degree, _ in marks]
-    figure.layout["shapes"] = [*lines, _vertical_line("x", "y domain", at, BLUE)]
-    figure.layout["xaxis"] |= {
-        "title": {"text": "log S/n"},
-        "range": list(SLIDER_RANGE),
-        "dtick": 1,
-        "automargin": False,
-    }
+    figure.layout["shapes"] = [*(_vertical_line(degree) for degree, _ in marks), _vertical_line(at, BLUE)]
+    figure.axes("x", title="log S/n", range=list(SLIDER_RANGE), dtick=1, automargin=False)
     figure.layout["yaxis"] |= {"nticks": 4, "ticksuffix": " %", "automargin": False}
     margin = {"l": 46, "r": 10, "t": 4 + 14 * level_count, "b": 36}
     figure.layout.update(showlegend=False, margin=margin, hovermode="closest", dragmode=False)
@@ -169,9 +164,9 @@ def curve_drawing(degree_curve: DegreeCurve, at: float, joint: int, alone: bool)
 def _marks(degree_curve: DegreeCurve, joint: int, alone: bool) -> list[tuple[float, str]]:
     """Return the positions and names of the marks in order; marks at one place are merged."""
     marks: list[tuple[float, str]] = []
-    for degree, name in sorted(
-        (mark_degree(degrees, joint, alone), name) for name, degrees in degree_curve.marks.items()
-    ):
+    # a mark is at the degree of the joint or, for all together, at the median
+    places = {name: x[joint] if alone else float(np.median(x)) for name, x in degree_curve.marks.items()}
+    for degree, name in sorted((degree, name) for name, degree in places.items()):
         # marks closer than the width of a symbol are one, with all names
         if marks and degree - marks[-1][0] < MARK_MERGE_DISTANCE:
             marks[-1] = marks[-1][0], f"{marks[-1][1]}, {name}"
@@ -191,11 +186,6 @@ def _mark_labels(marks: Sequence[tuple[float, str]]) -> tuple[list[dict[str, Any
         position = {"xref": "x", "x": centre, "yref": "y domain", "y": 1, "yanchor": "bottom", "yshift": 14 * level}
         labels.append({"text": name, "showarrow": False, "font": {"size": 11}, **position})
     return labels, len(ends)
-
-
-def mark_degree(degrees: Sequence[float], joint: int, alone: bool) -> float:
-    """Return the position of a mark: the degree of the joint or, for all together, the median."""
-    return float(degrees[joint]) if alone else float(np.median(np.asarray(degrees)))
 
 
 def _thin_hidden(t: Array, y: Array, zoom: Zoom, points: int) -> tuple[Array, Array]:
@@ -240,16 +230,6 @@ def _draw_over_time(
     return figure
 
 
-def _vertical_line(x: str, y: str, at: float, colour: str = PALE) -> dict[str, Any]:
+def _vertical_line(at: float, colour: str = PALE) -> dict[str, Any]:
     line = {"color": colour, "width": 1.5, "dash": "dot"}
-    return {"type": "line", "xref": x, "yref": y, "x0": at, "x1": at, "y0": 0, "y1": 1, "line": line}
-
-
-def _noise_band(size: float) -> dict[str, Any]:
-    shape = {"type": "rect", "xref": "x2 domain", "yref": "y2", "x0": 0, "x1": 1, "y0": -size, "y1": size}
-    return {**shape, "line": {"width": 0}, "fillcolor": LEFT_OUT_COLOUR, "layer": "below"}
-
-
-def _annotation(text: str, x: float, axis: str) -> dict[str, Any]:
-    position = {"xref": axis, "x": x, "yref": "y domain", "y": 1, "yanchor": "top", "xanchor": "left"}
-    return {"text": text, "showarrow": False, "font": {"size": 11}, **position}
+    return {"type": "line", "xref": "x", "yref": "y domain", "x0": at, "x1": at, "y0": 0, "y1": 1, "line": line}

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
+from dynident.apps.tuning.bench import Bench
+from dynident.apps.tuning.tuning import Tuning
+from dynident.apps.tuning.view import View
 from dynident.regression import ParallelFilter
 from dynident.runtime import ConfigError, choices, number, part_text, percent
-
-if TYPE_CHECKING:
-    from dynident.apps.tuning.bench import Bench
-    from dynident.apps.tuning.tuning import Tuning
-    from dynident.apps.tuning.view import View
 
 T = TypeVar("T")
 _VIEWS: Mapping[str, Callable[[View, str], View]] = {
@@ -69,7 +67,7 @@ def _toggle_term(view: View, bench: Bench, kind: Any) -> Tuning:
     # the joint that is drawn decides whether the kind is switched on or off, on all joints alike
     is_on = kind in view.tuning.terms[bench.joints.index(view.joint)]
     new = [(set(old) | {kind}) - ({kind} if is_on else set()) for old in view.tuning.terms]
-    new_terms = [tuple(candidate for candidate in bench.kinds if candidate in kinds) for kinds in new]
+    new_terms = [tuple(candidate for candidate in bench.switches.kinds if candidate in kinds) for kinds in new]
     return replace(view.tuning, terms=_replace_values(view, bench, view.tuning.terms, new_terms))
 
 

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from dash import dcc, html
 
+from dynident.apps.tuning.bench import Bench
 from dynident.apps.tuning.drawings import SLIDER_RANGE
 from dynident.apps.tuning.edit import estimator_words
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from dynident.apps.tuning.bench import Bench
 
 PLOT_CONFIG = {"displaylogo": False, "responsive": True, "doubleClick": "reset"}
 PLOT_BUTTONS = {"modeBarButtons": [["zoom2d", "pan2d", "resetScale2d", "toImage"]]}
@@ -21,6 +18,9 @@ FILTERS = ("none", "low-pass")
 STORES = (*("tab", "moved", "told", "rested", "curve-data", "torque-data", "loop-data", "zoomed", "synced", "gone"),)
 
 LOOP_TITLE = "Friction: torque over velocity"
+OTHER_SMOOTHER = (
+    "The file has another smoother, which is used until the slider is moved: then it is the smoothing spline."
+)
 HELP = {  # by the title of a control
     "Joint": "The joint that is drawn. The fit is always of all joints.",
     "Recording": "The recording that is drawn. All are smoothed and fitted alike.",
@@ -73,18 +73,12 @@ def tuning_page(name: str, bench: Bench) -> Any:
 
 
 def _header(name: str) -> Any:
+    again = html.Button("Start again", id={"button": "reset"}, title="Back to what the file says", className="quiet")
+    save = html.Button("Save", id="save", title="As a new file beside this one", className="strong")
     return html.Header(
         [
             html.H1(["Tune ", html.Span(name, className="file")]),
-            html.Div(
-                [
-                    html.Button(
-                        "Start again", id={"button": "reset"}, title="Back to what the file says", className="quiet"
-                    ),
-                    html.Button("Save", id="save", title="As a new file beside this one", className="strong"),
-                ],
-                className="actions",
-            ),
+            html.Div([again, save], className="actions"),
             html.Div(id="saved", role="status"),
         ],
         className="top",
@@ -112,7 +106,7 @@ def _controls(bench: Bench) -> list[Any]:
                 dcc.Graph(id="curve", figure=EMPTY, config=curve_config, className="plot small"),
                 dcc.Input(id="degree", type="range", value=0.0, **slider),
                 html.Div(id="marks", className="choices"),
-                *_smoother_hint(bench),
+                *([] if bench.has_degree else [html.P(OTHER_SMOOTHER, className="muted")]),
             ],
             className="degree",
         ),
@@ -125,8 +119,8 @@ def _controls(bench: Bench) -> list[Any]:
         _section(
             "Model",
             _labelled_field("Minimum speed, rad/s or m/s", _number_input("min_speed", min=0)),
-            _titled_choice("term", _kind_names(bench.kinds), "Terms")
-            if bench.kinds
+            _titled_choice("term", _kind_names(bench.switches.kinds), "Terms")
+            if bench.switches.kinds
             else html.P("Terms are switched where the model is of a robot file.", className="muted"),
         ),
         _section(
@@ -140,39 +134,16 @@ def _controls(bench: Bench) -> list[Any]:
     ]
 
 
-def _smoother_hint(bench: Bench) -> list[Any]:
-    """Return the hint where the file has another smoother than the one that the slider stands for."""
-    if bench.has_degree:
-        return []
-    hint = "The file has another smoother, which is used until the slider is moved: then it is the smoothing spline."
-    return [html.P(hint, className="muted")]
-
-
 def _window_inputs() -> Any:
-    return html.Details(
-        [
-            html.Summary("by times"),
-            html.Div(
-                [
-                    _labelled_field("from, s", dcc.Input(id="from", type="number", step="any")),
-                    _labelled_field("to, s", dcc.Input(id="to", type="number", step="any")),
-                    html.Button("Leave out", id="leave", className="quiet"),
-                ],
-                className="pair",
-            ),
-        ]
-    )
+    fields = [_labelled_field(f"{end}, s", dcc.Input(id=end, type="number", step="any")) for end in ("from", "to")]
+    leave = html.Button("Leave out", id="leave", className="quiet")
+    return html.Details([html.Summary("by times"), html.Div([*fields, leave], className="pair")])
 
 
 def _curve_area() -> list[Any]:
+    drag = html.Button("Drag to leave out samples", id="dragging", className="quiet", **{"aria-pressed": "false"})
     return [
-        html.Div(
-            [
-                html.H2(id="drawn-name"),
-                html.Button("Drag to leave out samples", id="dragging", className="quiet", **{"aria-pressed": "false"}),
-            ],
-            className="heading",
-        ),
+        html.Div([html.H2(id="drawn-name"), drag], className="heading"),
         html.Div(id="motion-words", className="muted"),
         html.Div(id="motion", className="plot motion"),
         html.H2("What the smoothing takes away"),

@@ -9,7 +9,6 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Estimate, Estimator, PhysicallyConsistent, Problem
 from dynident.identification.cross_validation import prediction_errors
@@ -26,9 +25,9 @@ from dynident.regression import (
     merge_factors,
 )
 from dynident.runtime import InputError, Noun, call_part
+from dynident.runtime.arrays import Array
 from dynident.validation import relative_errors
 
-Array = NDArray[np.float64]
 FOLDS = 5  # as many as a smoother is chosen by
 Motions = Mapping[str, Mapping[str, Motion]]
 

@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from dash import html
 
-from dynident.apps.tuning.edit import error_words
+from dynident.apps.tuning.edit import Change, error_words
+from dynident.apps.tuning.quick_fit import LogPrediction, QuickFit
 from dynident.identification import Identification, judge
 from dynident.models import INERTIAL
 from dynident.motion.splines import NORMAL_95
-from dynident.report import Array
 from dynident.report.identification.report import TONES
 from dynident.report.page import cell, unit_text
-from dynident.runtime import number
-
-if TYPE_CHECKING:
-    from dynident.apps.tuning.edit import Change
-    from dynident.apps.tuning.quick_fit import LogPrediction, QuickFit
-    from dynident.models import Parameter
-    from dynident.runtime import Step
+from dynident.runtime import Step, number
 
 ROLES = {"train": "training", "validation": "held out"}
 MIN_ERROR_CHANGE = 5e-3  # points of an error that are no difference
@@ -49,26 +42,20 @@ def judging_log(fit: QuickFit) -> LogPrediction:
 
 def numbers(fit: QuickFit, last: QuickFit | None) -> Any:
     """Return the few numbers to see first, each with its difference from the last setting."""
-    log = judging_log(fit)
-    last_error = judging_log(last).error if last else None
+    log, condition_change = judging_log(fit), ""
+    error_before, validated_before = (judging_log(last).error, last.cross_validated) if last else (None, None)
+    if last and abs(fit.condition / last.condition - 1) >= MIN_ERROR_CHANGE:
+        condition_change = f"was {number(last.condition, 3)}"
+    validated_change = _error_change(fit.cross_validated, validated_before)
     facts = [
-        (error_words(log.error), f"torque error, {ROLES[log.role]}", _error_change(log.error, last_error)),
-        (
-            error_words(fit.cross_validated),
-            "cross-validated",
-            _error_change(fit.cross_validated, last.cross_validated if last else None),
-        ),
-        (number(fit.condition, 3), "condition", _previous_value(fit.condition, last.condition if last else None)),
+        (error_words(log.error), f"torque error, {ROLES[log.role]}", _error_change(log.error, error_before)),
+        (error_words(fit.cross_validated), "cross-validated", validated_change),
+        (number(fit.condition, 3), "condition", condition_change),
         (f"{fit.estimate.determined.rank} of {len(fit.estimate.names)}", "combinations known", ""),
     ]
-    fact_list = html.Dl(
-        [
-            html.Div([html.Dt(title), html.Dd(value), html.Dd(difference, className="note")])
-            for value, title, difference in facts
-        ],
-        className="facts",
-    )
-    remarks = [*([] if fit.exact else [STAND_IN]), *([HELD_OUT] if log.role == "validation" else [])]
+    cells = ([html.Dt(title), html.Dd(value), html.Dd(change, className="note")] for value, title, change in facts)
+    remarks = [STAND_IN] * (not fit.exact) + [HELD_OUT] * (log.role == "validation")
+    fact_list = html.Dl([html.Div(cell) for cell in cells], className="facts")
     return [fact_list, *(html.P(words, className="muted") for words in remarks)]
 
 
@@ -132,12 +119,7 @@ def _error_change(now: float | None, before: float | None) -> Any:
     return html.Span(f"{sign} {number(abs(now - before), 2)}", className=tone)
 
 
-def _previous_value(now: float, before: float | None) -> str:
-    return "" if before is None or abs(now / before - 1) < MIN_ERROR_CHANGE else f"was {number(before, 3)}"
-
-
-@dataclass(frozen=True)
-class ParameterRow:
+class ParameterRow(NamedTuple):
     """A combination of parameters that the data determine: its ``name``, ``formula``, ``unit``, value and error."""
 
     name: str
@@ -152,22 +134,14 @@ def determined_parameters(result: QuickFit | Identification) -> list[ParameterRo
     parameters, estimate = result.model.parameters, result.estimate
     if isinstance(result, Identification):
         base, std = result.base.on_data, result.errors.base_std
-        if base is None or std is None:  # the estimate itself is shown
-            return _parameter_rows(parameters, estimate.names, estimate.value, result.errors.std)
+        columns = estimate.names, estimate.value, result.errors.std  # unless there is a base
     else:
         base, std = result.base, result.base_std
-    leading = [parameters[k] for k in base.independent]
-    return _parameter_rows(leading, base.groupings, base.to_base(estimate.value), std)
-
-
-def _parameter_rows(
-    leading: Sequence[Parameter], formulas: Sequence[str], value: Array, std: Array
-) -> list[ParameterRow]:
-    pairs = sorted(
-        zip(leading, zip(formulas, value.tolist(), std.tolist(), strict=True), strict=True),
-        key=lambda pair: pair[0].role in INERTIAL,
-    )
-    return [ParameterRow(parameter.name, formula, parameter.unit, *numbers) for parameter, (formula, *numbers) in pairs]
+    if base is not None and std is not None:
+        parameters = tuple(parameters[k] for k in base.independent)
+        columns = base.groupings, base.to_base(estimate.value), std
+    rows = sorted(zip(parameters, *columns, strict=True), key=lambda row: row[0].role in INERTIAL)
+    return [ParameterRow(leading.name, formula, leading.unit, *map(float, size)) for leading, formula, *size in rows]
 
 
 def parameter_table(now: QuickFit | Identification, last: QuickFit | Identification | None = None) -> list[Any]:

@@ -11,18 +11,16 @@ from dataclasses import dataclass, field
 from itertools import chain, count
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
+from dynident.apps.tuning.bench import Bench
 from dynident.apps.tuning.config import tuned_text
+from dynident.apps.tuning.tuning import Tuning
 from dynident.files.opener import content
 from dynident.files.results import write_text
+from dynident.identification import Identification
+from dynident.project.project import Project
 from dynident.runtime import BudgetedFunction, DynidentError, Noun, Step, brief, progress_to
-
-if TYPE_CHECKING:
-    from dynident.apps.tuning.bench import Bench
-    from dynident.apps.tuning.tuning import Tuning
-    from dynident.identification import Identification
-    from dynident.project.project import Project
 
 WorkResult = TypeVar("WorkResult")
 MAX_KEPT_RUNS = 8  # results; one holds the signals of all logs

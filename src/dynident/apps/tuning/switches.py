@@ -23,8 +23,8 @@ from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Spline, position_noise, smooth_log, strip_time_offset
 from dynident.motion.splines import Constraint, stretches
 from dynident.runtime import ModelError, Noun, join_names
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 LEAST_SQUARES, CONSISTENT = "least_squares", "consistent"
 MAX_SAMPLES = 3000  # on which sizes are compared
 MIN_REACH = 1e-4  # rad, m: what a joint that never moves is taken to move, so that shapes have a size

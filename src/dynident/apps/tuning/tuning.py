@@ -56,10 +56,8 @@ class Tuning:
 
     def with_degree(self, degree: float, joint: int | None = None) -> Tuning:
         """Return the tuning with a degree of smoothing for one joint, by its index, or for all."""
-        places = range(len(self.degree)) if joint is None else (joint,)
-        return replace(
-            self, degree=tuple(degree if j in places else previous for j, previous in enumerate(self.degree))
-        )
+        degrees = (degree if joint in (None, j) else previous for j, previous in enumerate(self.degree))
+        return replace(self, degree=tuple(degrees))
 
     def with_terms(self, joint: int, kinds: Sequence[str]) -> Tuning:
         """Return the tuning with the kinds of terms of a joint, by its index."""

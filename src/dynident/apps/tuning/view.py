@@ -5,18 +5,16 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, fields
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import parse_qsl, quote
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import from_json
 
+from dynident.apps.tuning.bench import Bench
 from dynident.apps.tuning.tuning import Tuning
 from dynident.project.python_file import error_text
 from dynident.runtime import ConfigError, choices
-
-if TYPE_CHECKING:
-    from dynident.apps.tuning.bench import Bench
 
 MAX_CHARACTERS = 20_000  # of an address
 SHOWN = ("joint", "log", "only_this_joint", "column")

@@ -11,7 +11,6 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from dynident.files.xml_text import XmlText
 from dynident.models import RigidBodies, motion_memory
@@ -21,13 +20,13 @@ from dynident.project.export.robot_files import identified_mjcf, identified_urdf
 from dynident.project.export.servos import constant_torques
 from dynident.project.export.written import ExportText, Reader, States, place_values
 from dynident.runtime import DynidentError
+from dynident.runtime.arrays import Array
 
 FRAME = (
     "mass, first moment and inertia of a body are about the origin of its joint's frame with the axes of its link; "
     "they contain all links that move with it"
 )
 
-Array = NDArray[np.float64]
 SHAPE_TAGS = (
     "actuator", "asset", "camera", "contact", "custom", "deformable", "equality", "extension", "geom", "keyframe",
     "light", "sensor", "site", "skin", "tendon", "visual",
@@ -37,11 +36,8 @@ SHAPE_TAGS = (
 def identified_yaml(identified: IdentifiedModel) -> ExportText:
     """Return all parameters as YAML; it can hold any values."""
     model = identified.model
-    data: dict[str, Any] = {
-        "model": model.name,
-        "frames": FRAME,
-        "joints": [{"name": joint.name, "kind": joint.kind, "unit": joint.unit} for joint in model.joints],
-    }
+    joints = [{"name": joint.name, "kind": joint.kind, "unit": joint.unit} for joint in model.joints]
+    data: dict[str, Any] = {"model": model.name, "frames": FRAME, "joints": joints}
     if (robot := identified.robot) is not None:
         merged = {body: list(links) for body, links in robot.merged_links.items()}
         data |= {"robot": {"file": robot.source, "gravity": list(robot.gravity), "locked": dict(robot.locked)}}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,8 +22,8 @@ from dynident.models import (
 from dynident.models.friction import Coulomb, JointTerm, Offset, PerJoint, Viscous
 from dynident.models.robot_files import ArmBody
 from dynident.runtime import ModelError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 ADVICE = "identify with `estimator: {kind: consistent}` to avoid this; parameters.yaml and model.py hold any values"
 MAX_NOMINAL_SHARE = 0.999  # the fixed links keep their nominal inertias up to this share of the largest consistent one
 
@@ -142,8 +142,18 @@ def drives(identified: IdentifiedModel, *, armature: bool, offset: bool = False)
         name: {**nominal[name], **identified_values[name], **dict.fromkeys(followers[name], 0.0)}
         for name in identified_values
     }
-    notes = (*_nominal_notes(nominal, identified_values), *_mimic_notes(followers))
-    return Drives(**drive_values, left_out=tuple(left_out), notes=notes)
+    notes = [
+        f"{name} {value:g} of joint {joint!r} is the file's own; it was not identified"
+        for name, values_by_joint in nominal.items()
+        for joint, value in values_by_joint.items()
+        if value and joint not in identified_values[name]
+    ]
+    notes += [
+        f"{name} of {', '.join(map(repr, joints))} is set to 0, as the joint that they follow has it"
+        for name, joints in followers.items()
+        if joints
+    ]
+    return Drives(**drive_values, left_out=tuple(left_out), notes=tuple(notes))
 
 
 def holdable_mask(identified: IdentifiedModel, *, armature: bool) -> NDArray[np.bool_]:
@@ -180,23 +190,10 @@ def _sign_notes(term: Term) -> Iterator[str]:
     for width, band in dict.fromkeys(rules):
         if width or band:
             rule = f"by tanh over {width:.3g}" if width else f"zero up to {band:.3g}"
-            where = [
-                repr(joint)
-                for joint, joint_rule in zip(term.acts_on, rules, strict=True)
-                if joint_rule == (width, band)
-            ]
+            pairs = zip(term.acts_on, rules, strict=True)
+            where = [repr(joint) for joint, joint_rule in pairs if joint_rule == (width, band)]
             joints_text = "" if len(where) == len(rules) else f" of {', '.join(where)}"
             yield f"how Coulomb friction{joints_text} changes its sign: {rule} rad/s or m/s; the file's friction jumps"
-
-
-def _nominal_notes(
-    nominal: Mapping[str, Mapping[str, float]], identified_values: Mapping[str, Mapping[str, float]]
-) -> Iterator[str]:
-    """Yield notes on values that the file keeps, as they were not identified."""
-    for name, values in nominal.items():
-        for joint, value in values.items():
-            if value and joint not in identified_values[name]:
-                yield f"{name} {value:g} of joint {joint!r} is the file's own; it was not identified"
 
 
 def _mimic_joints(bodies: RigidBodies, names: Iterable[str]) -> dict[str, list[str]]:
@@ -204,12 +201,6 @@ def _mimic_joints(bodies: RigidBodies, names: Iterable[str]) -> dict[str, list[s
     model_joints = {joint.name for joint in bodies.joints}
     follow = [body.joint for body in bodies.arm.bodies if body.joint.name not in model_joints]
     return {name: [joint.name for joint in follow if joint.nominal.get(name)] for name in names}
-
-
-def _mimic_notes(followers: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    for name, joints in followers.items():
-        if joints:
-            yield f"{name} of {', '.join(map(repr, joints))} is set to 0, as the joint that they follow has it"
 
 
 def omission_notes(term: Term, values: Array) -> Iterator[str]:
@@ -241,8 +232,12 @@ def link_inertias(bodies: RigidBodies, values: Array) -> LinkInertias:
     links: dict[str, Array | None] = {}
     notes: list[str] = []
     for body, theta in zip(bodies.arm.bodies_with_parameters, values, strict=True):
-        _require_physical(body.name, theta)
-        other_links = _other_links(bodies, body)
+        if smallest_eigenvalue(theta) <= 0:
+            why = "; ".join(consistency_violations(theta)) or "its pseudo-inertia is singular"
+            raise ModelError(f"body {body.name!r} is not physically consistent: {why}; {ADVICE}.")
+        # nominal parameters in the own frame, and this frame in the body's
+        frames = zip(body.links[1:], body.frames[1:], strict=True)
+        other_links = {link: (bodies.file.links[link], frame) for link, frame in frames}
         share = _nominal_share(theta, other_links)
         # what the other links keep is subtracted from the body
         remainder = theta.copy()
@@ -258,17 +253,6 @@ def link_inertias(bodies: RigidBodies, values: Array) -> LinkInertias:
         links[body.name] = from_pseudo(to_pseudo(change_frame(remainder, np.linalg.inv(body.frames[0]))))
         notes += _share_notes(body, share, other_links)
     return LinkInertias(links, tuple(notes))
-
-
-def _require_physical(name: str, theta: Array) -> None:
-    if smallest_eigenvalue(theta) <= 0:
-        why = "; ".join(consistency_violations(theta)) or "its pseudo-inertia is singular"
-        raise ModelError(f"body {name!r} is not physically consistent: {why}; {ADVICE}.")
-
-
-def _other_links(bodies: RigidBodies, body: ArmBody) -> dict[str, tuple[Array | None, Array]]:
-    """Return the other links of a body: their nominal parameters in the own frame, and this frame in the body's."""
-    return {link: (bodies.file.links[link], frame) for link, frame in zip(body.links[1:], body.frames[1:], strict=True)}
 
 
 def _nominal_share(theta: Array, other_links: Mapping[str, tuple[Array | None, Array]]) -> float:

@@ -7,15 +7,15 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.models import CoupledMotor, Lagrangian, Model, RigidBodies, RotorInertia, Term
 from dynident.models.friction import Coulomb, Offset, PerJoint, Viscous
 from dynident.project.export.identified import IdentifiedModel, depends_on_past, omission_notes
 from dynident.project.export.written import ExportText
 from dynident.runtime import ModelError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 COULOMB_INDEX = 2  # place of Coulomb friction among a motor's inertia, viscous, Coulomb and constant torque
 HEAD = '''"""Inverse dynamics of an identified robot; needs only NumPy. Written by dynident.
 

@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.files.folder import result_folder
 from dynident.files.opener import real_path, refuse_inputs, watch_inputs
@@ -26,10 +25,10 @@ from dynident.project.export.written import Export, Exporter, ExportText, FileEr
 from dynident.project.saved import source_files
 from dynident.regression import BLOCK
 from dynident.runtime import ConfigError, InputError, ModelError, choices, join_names
+from dynident.runtime.arrays import Array
 from dynident.runtime.families import EXPORTERS
 from dynident.validation import relative_error
 
-Array = NDArray[np.float64]
 MIN_TORQUE_SHARE = 1e-6  # a joint's torque counts as no smaller than this share of the largest joint's
 ENDINGS = (*SUFFIXES, ".yaml", ".yml", ".json", ".py")  # of a path that is a file, and no folder
 FOREIGN = {"Pinocchio": ("pinocchio", "pin"), "MuJoCo": ("mujoco", "mujoco")}  # their modules and packages

@@ -7,7 +7,6 @@ from itertools import chain, count
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.files.meshes import inertial_element, named_body_nodes
 from dynident.files.xml_text import XmlNode, XmlText
@@ -17,8 +16,8 @@ from dynident.project.export.servos import actuator_lines, range_lines, ranges
 from dynident.project.export.tree_text import mesh_notes, mjcf_of, numbers_text, urdf_of
 from dynident.project.export.written import ExportText, move_notes, place_values
 from dynident.runtime import ModelError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 EARTH_GRAVITY = (0.0, 0.0, -9.81)
 FILE_ATTRIBUTES = {"mesh": ("filename",), "texture": ("filename",), "compiler": ("meshdir", "texturedir", "assetdir")}
 TENSOR_ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
@@ -62,7 +61,10 @@ def urdf_text(bodies: RigidBodies, joint_drives: Drives, shares: LinkInertias) -
         if node.tag == "link" and name in inertias:
             _set_urdf_inertia(text, node, inertias[name])
         elif node.tag == "joint":
-            _set_joint(text, node, joint_drives, name if name in joints else None)
+            if (origin := node.find("origin")) is not None:
+                text.write_exact_angles(origin, "rpy")
+            if name in joints:  # it moves
+                _set_dynamics(text, node, joint_drives, name)
     return text
 
 
@@ -136,10 +138,10 @@ def fixed_joint_notes(bodies: RigidBodies, shares: LinkInertias) -> tuple[str, .
     ]  # fmt: skip
     if not names:
         return ()
+    inertias = "as noted" if shares.notes else "as the file has them"
     sentence = (
         f"the joints {', '.join(names)} were fixed: the identified bodies include the links beyond them, which is "
-        "exact "
-        f"only in that position; these links have inertias {'as noted' if shares.notes else 'as the file has them'}"
+        f"exact only in that position; these links have inertias {inertias}"
     )
     return (sentence,)
 
@@ -188,14 +190,6 @@ def _set_origin(text: XmlText, inertial: XmlNode, centre: str) -> None:
 
 def _element(tag: str, values: Mapping[str, str]) -> str:
     return f"<{tag} " + " ".join(f'{key}="{value}"' for key, value in values.items()) + "/>"
-
-
-def _set_joint(text: XmlText, joint: XmlNode, joint_drives: Drives, name: str | None) -> None:
-    """Set the frame of a joint; damping and friction, too, if it moves and so has a ``name``."""
-    if (origin := joint.find("origin")) is not None:
-        text.write_exact_angles(origin, "rpy")
-    if name is not None:
-        _set_dynamics(text, joint, joint_drives, name)
 
 
 def _set_dynamics(text: XmlText, joint: XmlNode, joint_drives: Drives, name: str) -> None:
@@ -252,20 +246,17 @@ def _set_identified(text: XmlText, bodies: RigidBodies, joint_drives: Drives, sh
     links = {name: theta for name, theta in bodies.file.links.items() if theta is not None}
     altered = bool(_altering_settings(text))
     for name, node in named_body_nodes(text):
-        if name in shares.links:
-            _set_mjcf_inertia(text, node, name, shares.links[name], bodies.file.origins.get(name, np.zeros(3)))
-        elif name in links and (altered or node.find("inertial") is None):
-            # of shapes, or as the compiler alters it; without its settings and without shapes it is the same
-            _set_mjcf_inertia(text, node, name, links[name], bodies.file.origins.get(name, np.zeros(3)))
+        # of shapes, or as the compiler alters it; without its settings and without shapes it is the same
+        if name in shares.links or (name in links and (altered or node.find("inertial") is None)):
+            theta, origin = {**links, **shares.links}[name], bodies.file.origins.get(name, np.zeros(3))
+            _set_mjcf_inertia(text, node, name, theta, origin)
     for node in _body_nodes(text):
         if node.tag == "joint" and (name := node.attributes.get("name", "")) in joints:
             _set_drive(text, node, joint_drives, name)
 
 
 def _set_mjcf_inertia(text: XmlText, body: XmlNode, name: str, theta: Array | None, origin: Array) -> None:
-    element = ZERO_INERTIAL
-    if theta is not None and theta.any():
-        element = inertial_element(theta, origin, name)
+    element = inertial_element(theta, origin, name) if theta is not None and theta.any() else ZERO_INERTIAL
     inertial = body.find("inertial")
     if inertial is None:
         text.insert(body, element)

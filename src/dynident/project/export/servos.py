@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.files.xml_text import XmlText
 from dynident.identification import Identification
@@ -21,8 +21,8 @@ from dynident.project.export.identified import Drives, IdentifiedModel, Servo
 from dynident.project.export.tree_text import element
 from dynident.project.settings import Config
 from dynident.runtime import DynidentError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 NORMAL_95 = 1.96  # standard errors to either side
 COMMAND_STEP = 5e-4  # s: MuJoCo keeps enough commands for a time step as short as this
 ATTRIBUTES: Mapping[type, str] = {Viscous: "damping", Coulomb: "friction", RotorInertia: "armature"}
@@ -33,12 +33,10 @@ def identified_model(found: Identification) -> IdentifiedModel:
     estimate, configuration = found.estimate, found.provenance.configuration
     servos: Mapping[str, Servo] = {}
     if configuration is not None:
-        try:
+        # a controller in Python, or files that are gone: the model is written without
+        with suppress(DynidentError):
             folder = Path(configuration.path).parent
-            config = parse_config(configuration.text, folder, configuration.path, allow_code=False)
-            servos = servos_of(config)
-        except DynidentError:  # a controller in Python, or files that are gone: the model is written without
-            servos = {}
+            servos = servos_of(parse_config(configuration.text, folder, configuration.path, allow_code=False))
     return IdentifiedModel(found.model, estimate.value, found.errors.std, tuple(estimate.provenance), servos)
 
 
@@ -102,25 +100,22 @@ def ranges(identified: IdentifiedModel, joint_drives: Drives) -> tuple[ValueRang
     """
     if identified.std is None:
         return ()
-    entries, start = list[ValueRange | None](), 0
+    entries, start = list[ValueRange](), 0
     for term in identified.model.terms:
         attribute = ATTRIBUTES.get(type(term), "")
         values: Mapping[str, float] = getattr(joint_drives, attribute) if attribute else {}
         names = (term.on or tuple(joint.name for joint in term.joints)) if isinstance(term, PerJoint) else ()
         for k, parameter in enumerate(term.parameters):
             std = float(identified.std[start + k])
-            if attribute and names[k] in values:
-                entries.append(_range(attribute, names[k], values[names[k]], std))
+            label, value = (attribute, names[k]) if attribute else ("mass", parameter.body), 0.0
+            if attribute:
+                value = values.get(names[k], 0.0)
             elif isinstance(term, RigidBodies) and parameter.role == "mass":
-                entries.append(_range("mass", parameter.body, float(identified.value[start + k]), std))
+                value = float(identified.value[start + k])
+            if np.isfinite(std) and value > 0:
+                entries.append(ValueRange(*label, max(value - NORMAL_95 * std, 0.0), value + NORMAL_95 * std))
         start += len(term.parameters)
-    return tuple(entry for entry in entries if entry is not None)
-
-
-def _range(attribute: str, name: str, value: float, std: float) -> ValueRange | None:
-    if not np.isfinite(std) or value <= 0:
-        return None
-    return ValueRange(attribute, name, max(value - NORMAL_95 * std, 0.0), value + NORMAL_95 * std)
+    return tuple(entries)
 
 
 def range_lines(value_ranges: Sequence[ValueRange]) -> list[str]:

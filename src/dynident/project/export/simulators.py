@@ -6,12 +6,12 @@ import ast
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import PurePath
 from typing import Any, ClassVar
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dynident.files.xml_text import XmlNode, XmlText
@@ -32,8 +32,8 @@ from dynident.project.export.simulator_code import ISAAC, PINOCCHIO
 from dynident.project.export.tree_text import element
 from dynident.project.export.written import ExportText, Reader, States, place_values
 from dynident.runtime import DynidentError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 DRAKE_NAMESPACE = "http://drake.mit.edu"
 DRAKE_MODEL, DRAKE_PACKAGE = "arm", "dynident"  # names in model directives
 EARTH = 9.81  # m/s^2, gravity of a world of Drake
@@ -100,13 +100,8 @@ def _drake_urdf(identified: IdentifiedModel) -> ExportText:
     bodies, joint_drives, shares, notes = robot_content(identified, "urdf", armature=True)
     text = urdf_text(bodies, joint_drives, shares)
     text.set(text.root, {"xmlns:drake": DRAKE_NAMESPACE})
-    transmissions = {
-        child.attributes.get("name"): node
-        for node in text.root.children
-        if node.tag == "transmission"
-        for child in node.children
-        if child.tag == "joint"
-    }
+    parts = [(node, child) for node in text.root.children if node.tag == "transmission" for child in node.children]
+    transmissions = {child.attributes.get("name"): node for node, child in parts if child.tag == "joint"}
     for joint in bodies.joints:
         name = joint.name
         lines = _drake_lines(joint_drives.armature.get(name, 0.0), identified.servos.get(name, Servo()))
@@ -178,13 +173,9 @@ class DrakeDirectives:
 
 
 def _drake_lines(armature: float, servo: Servo) -> list[str]:
-    lines = [
-        element("drake:rotor_inertia", value=armature / servo.gear**2),
-        element("drake:gear_ratio", value=servo.gear),
-    ]
-    if servo.kp:
-        lines.append(element("drake:controller_gains", p=servo.kp, d=servo.kd))
-    return lines
+    gains = [element("drake:controller_gains", p=servo.kp, d=servo.kd)] if servo.kp else []
+    inertia = element("drake:rotor_inertia", value=armature / servo.gear**2)
+    return [inertia, element("drake:gear_ratio", value=servo.gear), *gains]
 
 
 def _set_transmission(text: XmlText, node: XmlNode | None, joint: str, lines: list[str]) -> None:
@@ -296,12 +287,9 @@ class IsaacLab(PythonFile):
         joint_drives = drives(place_values(identified, armature=False), armature=True)
         name = f"{PurePath(bodies.source).stem}.identified.urdf"
         literals = assignments(
-            URDF=name,
-            GRAVITY=bodies.gravity,
-            BASE_ORIENTATION=_upright(bodies.gravity),
-            **joint_table(identified, joint_drives),
-            RANGES=range_table(identified, joint_drives),
-        )
+            URDF=name, GRAVITY=bodies.gravity, BASE_ORIENTATION=_upright(bodies.gravity),
+            **joint_table(identified, joint_drives), RANGES=range_table(identified, joint_drives),
+        )  # fmt: skip
         note = f"the module names {name}, which has the inertias: write it beside by --format urdf"
         return ExportText(ISAAC.replace("#LITERALS", literals), joint_drives.left_out, (*notes, note))
 
@@ -334,13 +322,7 @@ def torque_by_pinocchio_file(text: str, identified: IdentifiedModel, states: Sta
     namespace["check"]()
     bodies, _ = identified.bodies
     model = namespace["load"]()
-    arm = PinocchioArm(model, bodies)
-    data = model.createData()
-
-    def inverse_dynamics(q: Array, dq: Array, ddq: Array) -> Array:
-        return np.asarray(namespace["inverse_dynamics"](model, data, q, dq, ddq))
-
-    return arm.torque(states, inverse_dynamics)
+    return PinocchioArm(model, bodies).torque(states, partial(namespace["inverse_dynamics"], model, model.createData()))
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,13 @@ from pathlib import PurePath
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dynident.models import RigidBodies
 from dynident.models.robot_files import RobotJoint, Shape, ShapeKind
 from dynident.runtime import count
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 WORLD = "world"  # the name that MuJoCo has for what does not move
 JOINT_TAGS = {"revolute": "hinge", "prismatic": "slide"}
 # a visual shape touches nothing
@@ -84,25 +83,23 @@ def _body_lines(bodies: RigidBodies) -> Iterator[str]:
         indent = "  " * depth
         is_world = link == WORLD and joint is None
         if not is_world:
-            yield f"{indent}<body name={quoteattr(link)}{_placement_text(joint)}>"
+            yield f"{indent}<body name={quoteattr(link)}{'' if joint is None else ' ' + _place(joint.placement)}>"
             todo.append(f"{indent}</body>")
         if joint is not None and joint.kind != "fixed":
             yield f"{indent}  {_mjcf_joint(joint)}"
         roles = shapes.get(link)
         for role in GEOM_ROLES if roles is not None else ():
-            yield from (f"{indent}  {_geom(shape, role)}" for shape in getattr(roles, role) if _is_simple(shape))
+            simple = (
+                shape for shape in getattr(roles, role) if shape.kind is not ShapeKind.MESH and min(shape.size) > 0
+            )
+            yield from (f"{indent}  {_geom(shape, role)}" for shape in simple)
         todo += [(x.child, x, depth + (not is_world)) for x in reversed(below.get(link, []))]
 
 
-def _placement_text(joint: RobotJoint | None) -> str:
-    return (
-        "" if joint is None else f' pos="{numbers_text(joint.placement[:3, 3])}" quat="{_quaternion(joint.placement)}"'
-    )
-
-
-def _quaternion(frame: Array) -> str:
-    """Return the orientation of a frame (4, 4) as w, x, y, z."""
-    return numbers_text(Rotation.from_matrix(frame[:3, :3]).as_quat(scalar_first=True))
+def _place(frame: Array) -> str:
+    """Return position and orientation (w, x, y, z) of a frame (4, 4)."""
+    turn = Rotation.from_matrix(frame[:3, :3]).as_quat(scalar_first=True)
+    return f'pos="{numbers_text(frame[:3, 3])}" quat="{numbers_text(turn)}"'
 
 
 def _mjcf_joint(joint: RobotJoint) -> str:
@@ -116,13 +113,8 @@ def _mjcf_joint(joint: RobotJoint) -> str:
     return element("joint", **attributes, **{names[key]: value for key, value in joint.nominal.items()})
 
 
-def _is_simple(shape: Shape) -> bool:
-    return shape.kind is not ShapeKind.MESH and min(shape.size) > 0
-
-
 def _geom(shape: Shape, role: str) -> str:
-    place = f'pos="{numbers_text(shape.frame[:3, 3])}" quat="{_quaternion(shape.frame)}"'
-    return f'<geom type="{shape.kind}" size="{numbers_text(shape.size)}" {place} {GEOM_ROLES[role]}/>'
+    return f'<geom type="{shape.kind}" size="{numbers_text(shape.size)}" {_place(shape.frame)} {GEOM_ROLES[role]}/>'
 
 
 def mesh_notes(bodies: RigidBodies) -> tuple[str, ...]:

@@ -8,7 +8,6 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Constraints, Limit, bodies_of, parameter_scales, sign_limits
 from dynident.estimators.cone import minimise
@@ -16,8 +15,8 @@ from dynident.models import Model, smallest_eigenvalue
 from dynident.project.export.identified import IdentifiedModel, holdable_mask
 from dynident.regression import BaseParameters, structural_base_parameters
 from dynident.runtime import ConfigError, ModelError, brief
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 States = tuple[Array, Array, Array]
 Reader = Callable[[str, IdentifiedModel, States], Array]
 
@@ -176,9 +175,7 @@ def _move_values(identified: IdentifiedModel, directions: Array, weight: Array) 
     start, constraints = identified.value, _value_limits(identified)
     U, size, _ = np.linalg.svd(weight[:, None] * directions, full_matrices=False)
     # singular values at rounding level would count directions that have no effect
-    effect = np.linalg.norm(
-        U[:, size > MIN_RELATIVE_EFFECT * size[0]].T @ (weight * start)
-    )  # what the directions can change
+    effect = np.linalg.norm(U[:, size > MIN_RELATIVE_EFFECT * size[0]].T @ (weight * start))
     if not effect:
         return None
     weight = weight / effect
@@ -197,25 +194,17 @@ def _move_values(identified: IdentifiedModel, directions: Array, weight: Array) 
     for share in ZERO_SHARES:
         try:
             vanishing = np.flatnonzero(movable & (np.abs(remaining + slopes @ smallest_change(slopes)) < share))
-            zero_limit = Limit(
-                "nothing left",
-                ("nothing left",) * len(vanishing),
-                np.diag(weight)[vanishing],
-                *np.zeros((2, len(vanishing))),
-            )
-            other_slopes = (
-                np.where(movable & ~np.isin(np.arange(len(remaining)), vanishing), 1.0, 0.0)[:, None] * slopes
-            )
+            labels, zeros = ("nothing left",) * len(vanishing), np.zeros((2, len(vanishing)))
+            zero_limit = Limit("nothing left", labels, np.diag(weight)[vanishing], *zeros)
+            is_other = movable & ~np.isin(np.arange(len(remaining)), vanishing)
+            other_slopes = np.where(is_other, 1.0, 0.0)[:, None] * slopes
             # solve again with these at zero, minimising the others only
             coefficients = smallest_change(other_slopes, zero_limit)
         except (ConfigError, ModelError):  # not all of them can be nothing, or the solver has no answer
             continue
         # the conic solver is exact to its tolerance only: a least-squares step makes the zeros exact
-        coefficients = (
-            coefficients
-            - np.linalg.pinv(slopes[vanishing], rcond=MIN_RELATIVE_EFFECT)
-            @ (remaining + slopes @ coefficients)[vanishing]
-        )
+        inverse = np.linalg.pinv(slopes[vanishing], rcond=MIN_RELATIVE_EFFECT)
+        coefficients = coefficients - inverse @ (remaining + slopes @ coefficients)[vanishing]
         value = start + directions @ coefficients
         # rounding of the step is set to exactly zero, which notes and files then omit
         value[vanishing] = np.where(np.abs(weight * value)[vanishing] < MAX_TORQUE_ROUNDING, 0.0, value[vanishing])
@@ -245,14 +234,9 @@ def _is_equivalent(identified: IdentifiedModel, value: Array) -> bool:
     model = identified.model
     states = _random_states(model)
     torque, moved_torque = model.torque(**states, theta=identified.value), model.torque(**states, theta=value)
-    has_same_torque = float(np.linalg.norm(moved_torque - torque)) <= MAX_TORQUE_ROUNDING * float(
-        np.linalg.norm(torque)
-    )
+    has_same_torque = bool(np.linalg.norm(moved_torque - torque) <= MAX_TORQUE_ROUNDING * np.linalg.norm(torque))
     _, bodies = replace(identified, value=value).bodies
-    has_same_signs = bool((value[_nonnegative_indices(identified)] >= 0).all())
+    rows = np.concatenate([limit.rows for limit in sign_limits(model.parameters)])
+    nonnegative = [int(row.argmax()) for row in rows if row @ identified.value >= 0]
+    has_same_signs = bool((value[nonnegative] >= 0).all())
     return has_same_torque and has_same_signs and all(smallest_eigenvalue(body) > 0 for body in bodies)
-
-
-def _nonnegative_indices(identified: IdentifiedModel) -> list[int]:
-    rows = np.concatenate([limit.rows for limit in sign_limits(identified.model.parameters)])
-    return [int(row.argmax()) for row in rows if row @ identified.value >= 0]

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from dynident.checks import Excitation
 from dynident.checks.motion import excitation
+from dynident.identification import Identification
+from dynident.models import Joint
+from dynident.motion.log import Motion
 from dynident.report.check import excitation_cells
 from dynident.report.figures import clock
 from dynident.report.identification.figures import motion_figure, pieces_figure
@@ -27,13 +30,7 @@ from dynident.report.page import (
 )
 from dynident.report.words import ROLES, day, figure_gallery, logs_of, points, settings_of
 from dynident.runtime import count, join_names, number, percent, short
-from dynident.validation import MAX_LOST_ACCELERATION, FollowTest, follow_tests
-
-if TYPE_CHECKING:
-    from dynident.identification import Identification
-    from dynident.models import Joint
-    from dynident.motion.log import Motion
-    from dynident.validation import LogValidation
+from dynident.validation import MAX_LOST_ACCELERATION, FollowTest, LogValidation, follow_tests
 
 MIN_FOLDED_ROWS = 24  # rows from which on a table is folded
 _EXCITATION = (
@@ -52,6 +49,10 @@ _FOLLOW_NOTE = (
     "of the rms acceleration; it matters from about 2 % on. Noise that is slow, such as encoder steps, counts "
     "as motion."
 )
+_SETTINGS = {
+    "base tilt": "tilt of the base", "time offset": "time offset", "estimator": "estimator",
+    "low-pass": "low-pass of the fit", "smoother used": "smoother",
+}  # fmt: skip
 _HEADS = {
     "sigma": "sigma, rad or m",
     "noise": "noise left, rad or m",
@@ -93,15 +94,7 @@ def _robot_facts(identification: Identification) -> Iterator[tuple[str, str]]:
     for term in model.terms:
         if gravity := getattr(term, "gravity", None):
             yield "gravity in the base frame", f"({', '.join(short(float(x), 4) for x in gravity)}) m/s²"
-    for key, meaning in (
-        ("base tilt", "tilt of the base"),
-        ("time offset", "time offset"),
-        ("estimator", "estimator"),
-        ("low-pass", "low-pass of the fit"),
-        ("smoother used", "smoother"),
-    ):
-        if key in settings:
-            yield meaning, settings[key]
+    yield from ((meaning, settings[key]) for key, meaning in _SETTINGS.items() if key in settings)
 
 
 def _joint_table(identification: Identification) -> PageTable:
@@ -130,19 +123,12 @@ def _log_table(identification: Identification) -> PageTable:
     for log, recorded in zip(identification.validations, days, strict=True):
         t, mask = log.motion.t, log.motion.mask
         steps, used_times = np.diff(t), t[mask]
-        cells = [
-            number(1.0 / float(np.median(steps))),
-            # Steps that differ by rounding alone have no jitter
-            number(100.0 * float(np.std(steps) / np.mean(steps)) if np.ptp(steps) > 1e-6 * steps.mean() else 0.0, 2),
-            number(float(t[-1] - t[0])),
-            str(len(t)),
-            str(len(used_times)),
-            number(100.0 * float(mask.mean()), 3),
-            number(float(used_times[0] - t[0]), 2),
-            number(float(t[-1] - used_times[-1]), 2),
-            *([number(excluded[log.name], 3)] * any(excluded.values())),
-        ]
-        cells += [recorded or "-"] * any(days)
+        # Steps that differ by rounding alone have no jitter
+        jitter = 100.0 * float(np.std(steps) / np.mean(steps)) if np.ptp(steps) > 1e-6 * steps.mean() else 0.0
+        cells = [number(1.0 / float(np.median(steps))), number(jitter, 2), number(float(t[-1] - t[0])), str(len(t))]
+        cells += [str(len(used_times)), number(100.0 * float(mask.mean()), 3)]
+        cells += [number(float(left_out), 2) for left_out in (used_times[0] - t[0], t[-1] - used_times[-1])]
+        cells += [number(excluded[log.name], 3)] * any(excluded.values()) + [recorded or "-"] * any(days)
         rows.append((log.name, ROLES.get(log.role, log.role), *cells))
     return PageTable.of(("log", "role"), heads, rows, "Recordings")
 
@@ -175,9 +161,8 @@ def excitation_table(identification: Identification) -> tuple[PageBlock, ...]:
                 peak = getattr(training, key)
                 cells.append(number(getattr(validation, key) / peak if peak > 0 else None, 2))
         rows.append((joint.name, *cells))
-    lengths, efforts = (
-        {getattr(joint, key): None for joint in identification.model.joints} for key in ("unit", "effort")
-    )
+    joints = identification.model.joints
+    lengths, efforts = (dict.fromkeys(getattr(joint, key) for joint in joints) for key in ("unit", "effort"))
     caption = f"Motion in training; {' or '.join(lengths)}, s, {' or '.join(efforts)}"
     return _EXCITATION, PageTable.of(("joint",), groups, rows, caption)
 
@@ -203,10 +188,8 @@ def smoothing_section(identification: Identification) -> PageSection:
         drawing = motion_figure(log.motion, joint.name, joint.unit, curve_points, log.recorded_log)
         return Figure(drawing, f"{joint.name}: position and its derivatives, samples that were used.")
 
-    gallery = figure_gallery(identification, draw_motion)
-    return PageSection(
-        "Smoothing", (_SMOOTHING, *_follow_blocks(identification), *_smoothing_blocks(identification), *gallery)
-    )
+    blocks = *_follow_blocks(identification), *_smoothing_blocks(identification)
+    return PageSection("Smoothing", (_SMOOTHING, *blocks, *figure_gallery(identification, draw_motion)))
 
 
 def _follow_blocks(identification: Identification) -> Iterator[PageBlock]:
@@ -262,11 +245,11 @@ def _smoothing_blocks(identification: Identification) -> Iterator[PageBlock]:
 
 def _smoothing_table(motions: Sequence[tuple[str, Motion]]) -> Iterator[PageBlock]:
     keys = list(dict.fromkeys(key for _, motion in motions for key in motion.smoothing if _per_joint(motion, key)))
-    rows = [
-        (name, joint, *(_smoothing_cell(motion, key, j) for key in keys))
-        for name, motion in motions
-        for j, joint in enumerate(motion.joints)
-    ]
+    rows = []
+    for name, motion in motions:
+        for j, joint in enumerate(motion.joints):
+            cells = (number(float(motion.smoothing[key][j])) if _per_joint(motion, key) else "-" for key in keys)
+            rows.append((name, joint, *cells))
     if keys:
         heads = (_HEADS.get(key, key) for key in keys)
         table = PageTable.of(("log", "joint"), heads, rows, "Smoothing per log and joint")
@@ -279,20 +262,14 @@ def _per_joint(motion: Motion, key: str) -> bool:
     return value is not None and not isinstance(value, str) and np.shape(value) == (len(motion.joints),)
 
 
-def _smoothing_cell(motion: Motion, key: str, j: int) -> str:
-    return number(float(motion.smoothing[key][j])) if _per_joint(motion, key) else "-"
-
-
 def pieces_section(identification: Identification) -> Iterator[PageSection]:
     """Yield the section of the pieces, where there are any."""
     pieces = identification.estimate.residual.pieces
     if pieces is None:
         return
     joints = identification.model.joints
-    figure = Figure(
-        pieces_figure(pieces, [joint.name for joint in joints]),
-        "Residual of each joint in each piece, relative to its torque over all of them.",
-    )
+    caption = "Residual of each joint in each piece, relative to its torque over all of them."
+    figure = Figure(pieces_figure(pieces, [joint.name for joint in joints]), caption)
     heads = ("torque equations", "error, %", "rmse", "least rmse of a piece", "largest rmse of a piece")
     rows = []
     for j, (joint, error) in enumerate(zip(joints, pieces.relative_error, strict=True)):

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.estimators import Pieces
 from dynident.identification.terms import TermTrial, TrialOutcome
+from dynident.models import Model
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import NORMAL_95
+from dynident.regression import BaseParameters
 from dynident.report.figures import (
     AMBER,
     BLUE,
@@ -32,23 +35,16 @@ from dynident.report.figures import (
     with_gaps,
 )
 from dynident.runtime import InputError, choices
-
-if TYPE_CHECKING:
-    from dynident.estimators import Pieces
-    from dynident.models import Model
-    from dynident.regression import BaseParameters
-    from dynident.validation import FreeRun, LogValidation
+from dynident.validation import FreeRun, LogValidation
 
 HELD_OUT_COLOURS = (BLUE, GREEN, AMBER, RED)
 JOINT_COLOURS = (BLUE, RED, GREEN, AMBER, INK, PALE)
 HOUR, MIN_HOURS_AXIS = 3600.0, 7200.0  # s
 
 OUTCOME_COLOURS = {
-    TrialOutcome.ENTERED: GREEN,
-    TrialOutcome.TOO_SMALL: INK,
-    TrialOutcome.WITHIN_ERROR: AMBER,
+    TrialOutcome.ENTERED: GREEN, TrialOutcome.TOO_SMALL: INK, TrialOutcome.WITHIN_ERROR: AMBER,
     TrialOutcome.NOT_EXCITED: INK,
-}
+}  # fmt: skip
 # %, between which the axis ends; and its lower end, relative to the upper one
 MIN_UPPER_END, MAX_UPPER_END, MAX_LOWER_RATIO = 5.0, 105.0, 0.6
 
@@ -67,18 +63,25 @@ def torque_figure(log: LogValidation, joint: str, unit: str = "N m", points: int
     measured = with_gaps(log.motion.tau[:, j], log.motion.mask)
     predicted = with_gaps(log.predicted_torque[:, j], log.motion.mask)
     titles = [f"{'force' if unit == 'N' else 'torque'}, {unit}", f"residual, {unit}"]
+    return _draw_difference(
+        log.motion.t, titles, measured, {"predicted": predicted, "residual": measured - predicted}, points
+    )
+
+
+def _draw_difference(
+    t: Array, titles: Sequence[str], measured: Array, others: Mapping[str, Array], points: int
+) -> Drawing:
+    """Draw what is measured and what a model says over time t (N), and their difference below."""
     figure = panels(titles, 430, heights=[0.66, 0.34])
-    curves = ("measured", measured, BLUE, 2.4, 1), ("predicted", predicted, RED, 1.2, 1)
-    zero = time_origin(log.motion.t)
-    for name, values, colour, width, row in (*curves, ("residual", measured - predicted, INK, 1.0, 2)):
-        line = {"color": colour, "width": width}
-        figure.add(curve(log.motion.t - zero, values, name, line, points), row=row)
+    zero, lines = time_origin(t), ((BLUE, 2.4, 1), (RED, 1.2, 1), (INK, 1.0, 2))
+    for (name, values), (colour, width, row) in zip({"measured": measured, **others}.items(), lines, strict=True):
+        figure.add(curve(t - zero, values, name, {"color": colour, "width": width}, points), row=row)
     return _label_time_axis(figure, zero)
 
 
-def glance_figure(log: LogValidation, joint: str, unit: str = "N m", points: int = 1000) -> Drawing:
+def glance_figure(log: LogValidation, joint: str, unit: str = "N m") -> Drawing:
     """Draw a joint's measured and predicted torque over time in one small panel, as ``torque_figure`` does."""
-    full = torque_figure(log, joint, unit, points)
+    full = torque_figure(log, joint, unit, 1000)
     figure = panels([full.layout["yaxis"]["title"]["text"]], 220)
     for line in full.data[:2]:
         figure.add(line)
@@ -135,12 +138,8 @@ def run_figure(run: FreeRun, joint: str, unit: str = "rad", points: int = 2000) 
     simulated = with_gaps(run.q[:, j], np.isfinite(run.q[:, j]))
     if run.restart is not None:  # each piece begins at the measured state: its first sample is left out as a break
         simulated = with_gaps(simulated, run.q[:, j] != run.measured[:, j])
-    figure = panels([f"position, {unit}", f"error, {unit}"], 430, heights=[0.66, 0.34])
-    curves = ("measured", run.measured[:, j], BLUE, 2.4, 1), ("simulated", simulated, RED, 1.2, 1)
-    zero = time_origin(run.t)
-    for name, values, colour, width, row in (*curves, ("error", run.measured[:, j] - simulated, INK, 1.0, 2)):
-        figure.add(curve(run.t - zero, values, name, {"color": colour, "width": width}, points), row=row)
-    return _label_time_axis(figure, zero)
+    titles, measured = [f"position, {unit}", f"error, {unit}"], run.measured[:, j]
+    return _draw_difference(run.t, titles, measured, {"simulated": simulated, "error": measured - simulated}, points)
 
 
 def smoothing_figure(t: Array, measured: Array, smoothed: Sequence[Array], points: int = 4000) -> Drawing:
@@ -163,19 +162,14 @@ def error_figure(logs: Sequence[LogValidation], joints: Sequence[str]) -> Drawin
     height = 110 + len(joints) * (16 + 16 * len(logs))
     figure = panels([""], height, shared=False)
     held_out = [log.name for log in logs if log.role != "train"]
+    y = [plain(joint) for joint in joints]
     for log in logs:
-        train = log.role == "train"
-        figure.add(
-            trace(
-                "bar",
-                y=[plain(joint) for joint in joints],
-                x=[log.errors.per_joint.get(joint) for joint in joints],
-                orientation="h",
-                name=f"{plain(log.name)} ({'training' if train else 'held out'})",
-                marker={"color": PALE if train else HELD_OUT_COLOURS[held_out.index(log.name) % len(HELD_OUT_COLOURS)]},
-                hovertemplate="%{y}: %{x:.3g} %",
-            )
-        )
+        role, colour = "training", PALE
+        if log.role != "train":
+            role, colour = "held out", HELD_OUT_COLOURS[held_out.index(log.name) % len(HELD_OUT_COLOURS)]
+        look = {"orientation": "h", "name": f"{plain(log.name)} ({role})", "marker": {"color": colour}}
+        x = [log.errors.per_joint.get(joint) for joint in joints]
+        figure.add(trace("bar", y=y, x=x, **look, hovertemplate="%{y}: %{x:.3g} %"))
     figure.axes("y", type="category", autorange="reversed", showgrid=False)
     figure.axes("x", title="torque error, %", rangemode="tozero")
     figure.layout.update(barmode="group", bargap=0.25, hovermode="closest")
@@ -260,10 +254,8 @@ def _faster_marks(trials: Sequence[TermTrial], rows: Sequence[int]) -> Trace:
     std = [trial.faster_std or 0.0 for trial in trials]
     pairs = zip(trials, std, strict=True)
     text = [f"{plain(trial.kind)} on faster motion: {trial.faster:.3g} ± {error:.2g} %" for trial, error in pairs]
-    gain, marker = (
-        np.array([x.faster for x in trials], dtype=float),
-        {"color": BLUE, "size": 6, "symbol": "diamond-open"},
-    )
+    gain = np.array([x.faster for x in trials], dtype=float)
+    marker = {"color": BLUE, "size": 6, "symbol": "diamond-open"}
     error_bar = {"array": np.array(std), "color": BLUE, "thickness": 1, "width": 3}
     return _marks(gain, np.array(rows) + 0.28, "on faster motion", marker, text=text, error_x=error_bar)
 

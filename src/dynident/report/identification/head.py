@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from dynident.identification import Identification
 from dynident.report.words import ROLES, logs_of
 from dynident.runtime import join_names, number
-from dynident.validation import FloorOrigin
-
-if TYPE_CHECKING:
-    from dynident.identification import Identification
-    from dynident.validation import LogValidation
+from dynident.validation import FloorOrigin, LogValidation
 
 MAX_LISTED = 3  # logs in a line
 
@@ -38,7 +35,9 @@ def head_numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
     weight = _effort_share(identification, logs, role_word)
     # A single joint is not named as the worst: the error relative to its effort limit takes the place
     if len(identification.model.joints) > 1:
-        rms = f"{_as_measured(log, joint)}rms {_rms(identification, log, joint)}"
+        # the rms belongs to the error as measured, where another one is judged
+        measured = f"as measured {number(log.errors.per_joint[joint], 3)} %, " * bool(log.errors.per_joint_filtered)
+        rms = f"{measured}rms {_rms(identification, log, joint)}"
         yield f"{number(size, 3)} %", f"worst joint{_low_pass_words(log)}, {role_word}", f"{joint}, {rms}"
         yield _simulation_error(identification) if identification.runs else weight
     else:
@@ -61,11 +60,8 @@ def _floor_ratio(log: LogValidation) -> Iterator[tuple[str, ...]]:
     white = any(floor.origin is FloorOrigin.WHITE for floor in log.floors.values())
     coverage = f"; {len(log.floors)} of {len(log.errors.rmse)} joints" * (len(log.floors) < len(log.errors.rmse))
     how = "at most, by white noise alone" if white else "noise from repeated motion"
-    yield (
-        f"{number(log.over_floor, 3 if log.over_floor < 1.5 else 2)} ×",
-        "torque error relative to noise",
-        "at the noise floor" if log.at_floor else f"{how}{coverage}",
-    )
+    note = "at the noise floor" if log.at_floor else f"{how}{coverage}"
+    yield f"{number(log.over_floor, 3 if log.over_floor < 1.5 else 2)} ×", "torque error relative to noise", note
 
 
 def _torque_error(held_out: list[LogValidation], train: list[LogValidation]) -> tuple[str, ...]:
@@ -96,12 +92,8 @@ def _effort_share(identification: Identification, logs: list[LogValidation], rol
     worst = _largest([((log, joint), size) for log in logs for joint, size in log.errors.effort_share.items()])
     if worst is not None:
         (log, joint), size = worst
-        limit = number(identification.model.limits[joint].effort, 3)
-        return (
-            f"{number(size, 2)} %",
-            f"rms of effort limit, {role_word}",
-            f"{joint}: {_rms(identification, log, joint)} of {limit}",
-        )
+        note = f"{joint}: {_rms(identification, log, joint)} of {number(identification.model.limits[joint].effort, 3)}"
+        return f"{number(size, 2)} %", f"rms of effort limit, {role_word}", note
     worst = _largest([((log, joint), size) for log in logs for joint, size in log.errors.rmse.items()])
     if worst is None:
         return "-", f"largest rms error, {role_word}"
@@ -129,11 +121,6 @@ def _judged_error(log: LogValidation) -> float:
 def _low_pass_words(log: LogValidation) -> str:
     """Return where the errors that are judged are taken: a title says it, as other numbers are as measured."""
     return "" if log.errors.relative_error_filtered is None else " after the low-pass"
-
-
-def _as_measured(log: LogValidation, joint: str) -> str:
-    """Return the error of a joint as measured, to which its rms belongs, where another one is judged."""
-    return f"as measured {number(log.errors.per_joint[joint], 3)} %, " * bool(log.errors.per_joint_filtered)
 
 
 def _joint_errors(log: LogValidation) -> dict[str, float]:

@@ -3,34 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynident.identification import Identification
 from dynident.identification.links import DeterminedBy, LinkInertia, determined_by, link_inertias
-from dynident.models import INERTIAL, Geometry, ShapeSource
+from dynident.models import INERTIAL, Geometry, Parameter, ShapeSource
 from dynident.report.equations import with_formulas
 from dynident.report.identification.figures import has_nominal_values, interval_figure, relative_std
 from dynident.report.page import MEANING, UNIT, Column, Figure, Fold, Gallery, Head, PageBlock, PageSection, PageTable
 from dynident.report.words import motion_known
 from dynident.runtime import count, join_names, number
 
-if TYPE_CHECKING:
-    from dynident.identification import Identification
-    from dynident.models import Parameter
-
 MAX_FULL_LIST = 40  # a terminal shows up to this many parameters all
 MAX_ONE_FIGURE = 30  # more parameters are drawn group by group
 MAX_WARNING_LENGTH = 300  # signs of a warning in a terminal
 WELL = 10.0  # a parameter is called well determined up to this standard error, % of its value
 DETERMINED_WORDS = {
-    DeterminedBy.DATA: "data",
-    DeterminedBy.COMBINATION: "in combination",
-    DeterminedBy.PRIOR: "prior",
-    DeterminedBy.BOUND: "at a bound",
-    DeterminedBy.NOTHING: "not identifiable",
-}
+    DeterminedBy.DATA: "data", DeterminedBy.COMBINATION: "in combination", DeterminedBy.PRIOR: "prior",
+    DeterminedBy.BOUND: "at a bound", DeterminedBy.NOTHING: "not identifiable",
+}  # fmt: skip
 FRICTION = {"viscous": "viscous friction", "coulomb": "Coulomb friction", "rotor": "rotor inertia"}
 
 _CAPTION = "95 % intervals (1.96 standard errors to both sides) in % of the values. Hollow: not determined, or zero."
@@ -56,12 +48,9 @@ _UNSEEN = (
 MIN_SHOWN_VALUE = 1e-9  # of what is mm, kg or kg m^2, below which it is rounding
 MAX_LISTED_MESHES = 5  # meshes in a sentence
 SOURCE_WORDS = {
-    DeterminedBy.DATA: "the data",
-    DeterminedBy.COMBINATION: "the data, with other links",
-    DeterminedBy.PRIOR: "the prior",
-    DeterminedBy.BOUND: "a bound",
-    DeterminedBy.NOTHING: "nothing",
-}
+    DeterminedBy.DATA: "the data", DeterminedBy.COMBINATION: "the data, with other links",
+    DeterminedBy.PRIOR: "the prior", DeterminedBy.BOUND: "a bound", DeterminedBy.NOTHING: "nothing",
+}  # fmt: skip
 _LINKS = (
     "The centre of mass is in the frame of the link; the principal moments are about it. ±: standard error. Where the "
     "data alone leave a value open, the prior chose it, and its error is not known: ± is then open. Combinations of "
@@ -75,27 +64,13 @@ _OPEN = (
 _PARTLY = "What the data alone leave open is not shown, as least squares does not choose (-)."
 
 
-@dataclass(frozen=True)
-class _Quantities:
-    """Quantities of a link in a table: its ``caption``, their ``heads``, the ``part`` of the seven values of an
-    ``Inertia`` that they are, and factors to the ``units`` shown.
-    """
-
-    caption: str
-    heads: tuple[str, ...]
-    part: slice
-    units: tuple[float, ...]
-
-
-_MASS = _Quantities(
-    "Mass and centre of mass", ("mass, kg", "centre x, mm", "y, mm", "z, mm"), slice(0, 4), (1.0, 1e3, 1e3, 1e3)
-)
-_MOMENTS = _Quantities(
-    "Principal moments about the centre of mass",
-    ("smallest, kg m²", "middle, kg m²", "largest, kg m²"),
-    slice(4, 7),
-    (1.0, 1.0, 1.0),
-)
+# of tables of links: by caption the heads, in the order of the values of an ``Inertia``, with factors to their units
+_QUANTITIES = {
+    "Mass and centre of mass": {"mass, kg": 1.0, "centre x, mm": 1e3, "y, mm": 1e3, "z, mm": 1e3},
+    "Principal moments about the centre of mass": dict.fromkeys(
+        ("smallest, kg m²", "middle, kg m²", "largest, kg m²"), 1.0
+    ),
+}
 
 
 def parameter_section(identification: Identification) -> PageSection:
@@ -189,13 +164,9 @@ def _group_name(parameter: Parameter) -> str:
 
 def _interval_figure(identification: Identification, rows: list[int]) -> Figure:
     estimate, model = identification.estimate, identification.model
-    figure = interval_figure(
-        [estimate.names[k] for k in rows],
-        [estimate.units[k] for k in rows],
-        np.asarray(estimate.value)[rows],
-        identification.errors.std[rows],
-        [model.parameters[k].value for k in rows] if not has_nominal_values(model) else (),
-    )
+    names, units = ([texts[k] for k in rows] for texts in (estimate.names, estimate.units))
+    true_values = () if has_nominal_values(model) else [model.parameters[k].value for k in rows]
+    figure = interval_figure(names, units, estimate.value[rows], identification.errors.std[rows], true_values)
     return Figure(figure, f"{_CAPTION} {motion_known(identification)}")
 
 
@@ -206,10 +177,8 @@ def terminal_parameters(identification: Identification) -> tuple[PageTable, tupl
     long = len(parameters) > MAX_FULL_LIST and len(not_inertial) < len(parameters)
     table = parameter_table(identification, tuple(k for k in determined if not long or k in not_inertial))
     notes = [f"{len(parameters) - len(not_inertial)} inertial parameters are in the report."] * long
-    if names := [parameters[k].name for k in undetermined if not long or k in not_inertial]:
-        notes.append(
-            f"The data do not determine these parameters one by one (values in the report): {join_names(names)}."
-        )
+    if names := join_names([parameters[k].name for k in undetermined if not long or k in not_inertial]):
+        notes.append(f"The data do not determine these parameters one by one (values in the report): {names}.")
     return table, (*notes, *rank_sentence(identification))
 
 
@@ -243,7 +212,7 @@ def link_section(identification: Identification, geometry: Geometry | None = Non
     has_estimates = any(link.found is not None for link in links)
     complete = all(link.sure.all() for link in links) or bool(identification.estimate.provenance)
     note = _LINKS if complete else f"{_LINKS} {_PARTLY}" if has_estimates else _OPEN
-    tables = (_inertia_table(links, quantities, has_estimates) for quantities in (_MASS, _MOMENTS))
+    tables = (_inertia_table(links, *table, has_estimates) for table in zip(_QUANTITIES, (0, 4), strict=True))
     notes = tuple(_shape_notes(links, geometry))
     yield PageSection("Links", (note, *tables, _source_table(links), *((notes,) if notes else ())))
 
@@ -253,22 +222,23 @@ def link_title(links: Sequence[str]) -> str:
     return links[0] if len(links) == 1 else f"{links[0]} (+{len(links) - 1})"
 
 
-def _inertia_table(links: Sequence[LinkInertia], quantities: _Quantities, has_estimates: bool) -> PageTable:
-    """Return the table of some quantities of the links: of each in the file and, where any is known, found."""
+def _inertia_table(links: Sequence[LinkInertia], caption: str, first: int, has_estimates: bool) -> PageTable:
+    """Return the table of quantities of the links from the ``first`` value of an inertia on: of each in the file and,
+    where any is known, found."""
     titles = ("file", "found", "±") if has_estimates else ("file",)
     rows = []
     for link in links:
         file = np.full(7, np.nan) if link.file is None else link.file.values
         value = np.full(7, np.nan) if link.found is None else link.found.values
         cells = [link_title(link.links)]
-        for k, unit in zip(range(*quantities.part.indices(7)), quantities.units, strict=True):
+        for k, unit in enumerate(_QUANTITIES[caption].values(), start=first):
             cells.append(_value_cell(unit * file[k]))
             if has_estimates:
                 error = _error_cell(unit * link.std[k], bool(link.sure[k]), unit * value[k])
                 cells += [_value_cell(unit * value[k]), error]
         rows.append(cells)
-    heads = ((title, head) for head in quantities.heads for title in titles)
-    return PageTable.of(("link",), heads, rows, quantities.caption)
+    heads = ((title, head) for head in _QUANTITIES[caption] for title in titles)
+    return PageTable.of(("link",), heads, rows, caption)
 
 
 def _value_cell(value: float) -> str:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from dynident.files.meshes import result_geometry, rods_for
 from dynident.files.results import json_text
-from dynident.identification import Remedy, judge
+from dynident.identification import Identification, Remedy, Verdict, judge
 from dynident.identification.links import rigid_bodies
 from dynident.identification.verdict import NAMED_REASONS
 from dynident.identification.verdict_reasons import ForbiddingFindings
 from dynident.identification.verdict_steps import CheckRipple, Cover, Sharpen, SlowReversals
+from dynident.models import Geometry
+from dynident.project.export import Export
 from dynident.project.saved import result_data
 from dynident.regression import UnexcitedParameters
 from dynident.report.check import finding_groups, finding_table
@@ -45,14 +47,8 @@ from dynident.report.identification.validation import (
 )
 from dynident.report.page import Badge, Beside, Facts, Figure, Fold, PageBlock, PageSection, PageTable, render
 from dynident.report.words import ROLES, Line, day, label_of, logs_of, note_lines
-from dynident.runtime import Severity, Use, count, join_names, number, place_and_text
+from dynident.runtime import Finding, Severity, Use, count, join_names, number, place_and_text
 from dynident.validation import residual_text
-
-if TYPE_CHECKING:
-    from dynident.identification import Identification, Verdict
-    from dynident.models import Geometry
-    from dynident.project.export import Export
-    from dynident.runtime import Finding
 
 TONES: dict[Use, Literal["good", "fair", "bad"]] = {Use.SIMULATION: "good", Use.CONTROL: "good", Use.DO_NOT_USE: "bad"}
 STYLES = {use: "red" if tone == "bad" else "green" for use, tone in TONES.items()}  # in a terminal
@@ -153,11 +149,8 @@ def identification_page(
 
 def _lead_text(identification: Identification) -> str:
     model = identification.model
-    logs = "; ".join(
-        f"{word}: {join_names(log.name for log in logs)}"
-        for role, word in ROLES.items()
-        if (logs := logs_of(identification, role))
-    )
+    by_word = {word: logs_of(identification, role) for role, word in ROLES.items()}
+    logs = "; ".join(f"{word}: {join_names(log.name for log in logs)}" for word, logs in by_word.items() if logs)
     return (
         f"{count(len(model.parameters), 'parameter')} of {count(len(model.joints), 'joint')} from "
         f"{count(len(identification.validations), 'log')}. {logs[:1].upper()}{logs[1:]}.{_date_words(identification)}"
@@ -220,10 +213,8 @@ def identification_notes(identification: Identification) -> list[Line]:
     ]
     other_lines = [*note_lines(identification.notes), *_check_lines(_other_findings(identification))]
     offset, tilt = identification.calibration.time_offset, identification.calibration.base_tilt
-    corrections = [
-        *([offset] if offset is not None and offset.seconds else ()),
-        *([tilt] if tilt is not None and (tilt.x or tilt.y) else ()),
-    ]
+    corrections: list[object] = [offset] if offset is not None and offset.seconds else []
+    corrections += [tilt] if tilt is not None and (tilt.x or tilt.y) else []
     return [
         *(Line(f"Note: {correction}.") for correction in corrections),
         *map(Line, (*notes, *unknown_noise(identification))),

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import lru_cache
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynident.identification import Identification
 from dynident.identification.links import BodyInertia, DeterminedBy, LinkInertia, link_inertias, rigid_bodies
-from dynident.models import Geometry, Outline, outlines, rod_geometry
+from dynident.models import Geometry, Outline, RigidBodies, outlines, rod_geometry
+from dynident.project.export import Export, FileError
 from dynident.report.figures import AMBER, BLUE, GREEN, VIOLET, Trace, plain, time_origin
 from dynident.report.identification.parameters import SOURCE_WORDS, link_title
 from dynident.report.page import Column, Figure, PageBlock, PageSection, PageTable, relative_link
@@ -34,26 +35,15 @@ from dynident.report.scene import (
 from dynident.report.words import log_labels, tiny
 from dynident.runtime import count, number, percent
 
-if TYPE_CHECKING:
-    from dynident.identification import Identification
-    from dynident.models import RigidBodies
-    from dynident.project.export import Export, FileError
-
-Array = NDArray[np.float64]
 MAX_TRIANGLES = 300  # of a link
 REPLAY_RATE = 25.0  # Hz, of the poses along a recording, which the page draws a line between
 MAX_POSES = 60_000  # positions of single bodies in all recordings of a page
 VIEW_HEIGHT, SMALL_VIEW_HEIGHT = 470, 250  # px, heights
 CAMERA_DISTANCE = 1.4  # diagonals of the arm from which the small view looks at it
 LEGEND = {
-    "orientation": "h",
-    "x": 0,
-    "y": 0,
-    "yref": "container",
-    "yanchor": "bottom",
-    "itemclick": False,
+    "orientation": "h", "x": 0, "y": 0, "yref": "container", "yanchor": "bottom", "itemclick": False,
     "itemdoubleclick": False,
-}
+}  # fmt: skip
 NO_MARGIN = {"t": 0, "l": 0, "r": 0}
 COLOURS = {
     DeterminedBy.DATA: GREEN,
@@ -63,12 +53,10 @@ COLOURS = {
     DeterminedBy.NOTHING: AMBER,
 }
 LEGEND_WORDS = {
-    DeterminedBy.DATA: "well determined",
-    DeterminedBy.COMBINATION: "by combination",
-    DeterminedBy.PRIOR: "by the file or prior",
-    DeterminedBy.BOUND: "at a bound",
+    DeterminedBy.DATA: "well determined", DeterminedBy.COMBINATION: "by combination",
+    DeterminedBy.PRIOR: "by the file or prior", DeterminedBy.BOUND: "at a bound",
     DeterminedBy.NOTHING: "not identified",
-}
+}  # fmt: skip
 LEGEND_MEANINGS = {
     DeterminedBy.DATA: "by the data alone",
     DeterminedBy.COMBINATION: "the data determine only sums with other links",
@@ -264,30 +252,24 @@ def export_section(exports: Sequence[Export]) -> Iterator[PageSection]:
     """Yield the section on the files, where there are any."""
     if not exports:
         return
-    rows = tuple(
-        (
-            export.file,
-            tiny(export.proof.agreement) if export.proof else "-",
-            ", ".join(export.proof.readers) if export.proof else "-",
-            "yes" if export.ready else "no",
-        )
-        for export in exports
-    )
-    heads = ("difference", Column("loaded by", numeric=False), Column("written", numeric=False))
-    table = PageTable.of(("file",), heads, rows, "Files of the identified model")
-    links = tuple(relative_link(export.file) if export.ready else "" for export in exports)
-    blocks: list[PageBlock] = [_LEAD, replace(table, links=links)]
+    rows = []
     for export in exports:
-        notes = [
-            *([f"Not written: {export.refusal}"] if export.refusal else []),
-            *(export.written.notes if export.written else ()),
-        ]
-        notes += [f"Not in the file: {words}." for words in (export.written.left_out if export.written else ())]
+        proof = (tiny(export.proof.agreement), ", ".join(export.proof.readers)) if export.proof else ("-", "-")
+        rows.append((export.file, *proof, "yes" if export.ready else "no"))
+    heads = ("difference", Column("loaded by", numeric=False), Column("written", numeric=False))
+    links = [relative_link(export.file) if export.ready else "" for export in exports]
+    blocks: list[PageBlock] = [_LEAD, PageTable.of(("file",), heads, rows, "Files of the identified model", links)]
+    for export in exports:
+        notes = [f"Not written: {export.refusal}"] if export.refusal else []
+        if export.written:
+            notes += [*export.written.notes, *(f"Not in the file: {words}." for words in export.written.left_out)]
         notes += export.proof.skipped if export.proof else ()
         if notes:
             blocks.append(PageSection(export.file, (tuple(notes),)))
-    if costs := [(export.file, x.log, x.model, x.file) for export in exports for x in _file_errors(export)]:
-        blocks.append(_error_table(costs))
+    costs = [(export.file, error) for export in exports for error in _file_errors(export)]
+    if rows := [(file, error.log, number(error.model, 4), number(error.file, 4)) for file, error in costs]:
+        caption = "Relative torque error of the model, and of files that leave something of it out"
+        blocks.append(PageTable.of(("file", "log"), ("model (%)", "file (%)"), rows, caption))
     yield PageSection("Files of the model", tuple(blocks))
 
 
@@ -303,13 +285,6 @@ def export_links(exports: Sequence[Export]) -> tuple[str, ...]:
     return (Markup('<p class="files">Files: {}</p>').format(links),)
 
 
-def _error_table(costs: Sequence[tuple[str, str, float, float]]) -> PageTable:
-    """Return the table of torque errors of the model, and of files that cannot hold all of its parameters."""
-    rows = ((file, log, number(model, 4), number(file_error, 4)) for file, log, model, file_error in costs)
-    caption = "Relative torque error of the model, and of files that leave something of it out"
-    return PageTable.of(("file", "log"), ("model (%)", "file (%)"), rows, caption)
-
-
 def _file_errors(export: Export) -> Sequence[FileError]:
     """Return the errors of a file that leaves something out, on held-out logs, or on all where none is held out."""
     if export.written is None or not export.written.left_out:
@@ -321,13 +296,10 @@ def export_notes(exports: Sequence[Export], place: str = "listed in the report")
     """Return the notes for a terminal: refusals, and how much each file leaves out, listed at ``place``."""
     notes = [f"{export.file} is not written: {export.refusal}" for export in exports if export.refusal]
     for export in exports:
-        if export.ready and export.written and export.written.left_out:
-            notes.append(
-                f"{export.file} cannot store {count(len(export.written.left_out), 'item')}, {place}.{_cost(export)}"
-            )
-        notes += [
-            f"{export.file}: {note}." for note in (export.written.notes if export.ready and export.written else ())
-        ]
+        if export.ready and export.written:
+            if left_out := export.written.left_out:
+                notes.append(f"{export.file} cannot store {count(len(left_out), 'item')}, {place}.{_cost(export)}")
+            notes += [f"{export.file}: {note}." for note in export.written.notes]
     return notes
 
 
@@ -344,23 +316,15 @@ def export_results(exports: Sequence[Export]) -> list[dict[str, Any]]:
     """Return the files as plain values: file, sha256, format, agreement, proven, readers, left_out, notes,
     refusal, and errors: the torque error (%) of model and file on each log.
     """
-    return [
-        {
+    results = []
+    for export in exports:
+        written, proof = export.written, export.proof
+        results.append({
             "file": export.file,
-            "sha256": sha256(export.written.text.encode(errors="backslashreplace")).hexdigest()
-            if export.written
-            else None,
-            "format": export.format,
-            "agreement": export.proof.agreement if export.proof else None,
-            "proven": export.ready,
-            "readers": dict(export.proof.readers) if export.proof else {},
-            "left_out": list(export.written.left_out) if export.written else [],
-            "notes": [
-                *(export.written.notes if export.written else ()),
-                *(export.proof.skipped if export.proof else ()),
-            ],
-            "refusal": export.refusal,
-            "errors": [asdict(error) for error in export.errors],
-        }
-        for export in exports
-    ]
+            "sha256": sha256(written.text.encode(errors="backslashreplace")).hexdigest() if written else None,
+            "format": export.format, "agreement": proof.agreement if proof else None, "proven": export.ready,
+            "readers": dict(proof.readers) if proof else {}, "left_out": list(written.left_out) if written else [],
+            "notes": [*(written.notes if written else ()), *(proof.skipped if proof else ())],
+            "refusal": export.refusal, "errors": [asdict(error) for error in export.errors],
+        })  # fmt: skip
+    return results

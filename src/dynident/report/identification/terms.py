@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynident.estimators import Consistency
-from dynident.identification.terms import TermTrial, TrialOutcome
+from dynident.identification import Identification
+from dynident.identification.terms import TermChoice, TermTrial, TrialOutcome
 from dynident.identification.terms.search import MIN_GAIN, MIN_GAIN_ERRORS, MIN_STRICT_GAIN_ERRORS
+from dynident.regression import BaseParameters
 from dynident.report.figures import Array
 from dynident.report.identification.data import excitation_table
 from dynident.report.identification.figures import interval_figure, relative_std, singular_figure, trial_figure
@@ -17,11 +18,6 @@ from dynident.report.page import UNIT, Column, Facts, Figure, Fold, Gallery, Hea
 from dynident.report.words import huge, motion_known, tiny
 from dynident.runtime import number
 from dynident.runtime.families import TERMS
-
-if TYPE_CHECKING:
-    from dynident.identification import Identification
-    from dynident.identification.terms import TermChoice
-    from dynident.regression import BaseParameters
 
 OUTCOMES: Mapping[TrialOutcome, str] = {
     TrialOutcome.ENTERED: "entered",
@@ -64,14 +60,13 @@ def term_section(identification: Identification) -> Iterator[PageSection]:
     choice = identification.calibration.terms
     if choice is None or not choice.trials:
         return
-    figures = {
-        joint: Figure(trial_figure(_sort_trials(trials), OUTCOMES), _trial_caption(choice, joint))
-        for joint in choice.joints
-        if (trials := choice.trials_of(joint))
-    }
-    views = tuple(((joint,), (figure,)) for joint, figure in figures.items())
-    table = Fold("All that was tried", (_trial_table(choice),))
-    yield PageSection("Friction and other terms", (_LEAD, term_table(choice), Gallery(("joint",), views), table))
+    views = []
+    for joint, before, after in zip(choice.joints, choice.before, choice.after, strict=True):
+        if trials := _sort_trials(choice.trials_of(joint)):
+            caption = f"{joint}: {_FIGURE} {number(before, 3)} %, with the terms chosen {number(after, 3)} %."
+            views.append(((joint,), (Figure(trial_figure(trials, OUTCOMES), caption),)))
+    table, gallery = Fold("All that was tried", (_trial_table(choice),)), Gallery(("joint",), tuple(views))
+    yield PageSection("Friction and other terms", (_LEAD, term_table(choice), gallery, table))
 
 
 def term_table(choice: TermChoice) -> PageTable:
@@ -134,25 +129,15 @@ def _sort_trials(trials: Sequence[TermTrial]) -> list[TermTrial]:
     return sorted(trials, key=lambda trial: (trial.outcome is not TrialOutcome.ENTERED, -trial.gain))
 
 
-def _trial_caption(choice: TermChoice, joint: str) -> str:
-    k = choice.joints.index(joint)
-    return f"{joint}: {_FIGURE} {number(choice.before[k], 3)} %, with the terms chosen {number(choice.after[k], 3)} %."
-
-
 def _trial_table(choice: TermChoice) -> PageTable:
     outcome = Column("outcome", numeric=False, prose=True)
     heads = ("gain, %", "std. error", "on faster motion, %", "std. error", outcome)
-    rows = [
-        (
-            joint,
-            trial.kind,
-            ", ".join(f"{name} {_setting_text(value)}" for name, value in trial.settings) or "-",
-            *(number(gain, 3) for gain in (trial.gain, trial.std, trial.faster, trial.faster_std)),
-            OUTCOMES[trial.outcome],
-        )
-        for joint in choice.joints
-        for trial in _sort_trials(choice.trials_of(joint))
-    ]
+    rows = []
+    for joint in choice.joints:
+        for trial in _sort_trials(choice.trials_of(joint)):
+            constants = ", ".join(f"{name} {_setting_text(value)}" for name, value in trial.settings) or "-"
+            gains = (number(gain, 3) for gain in (trial.gain, trial.std, trial.faster, trial.faster_std))
+            rows.append((joint, trial.kind, constants, *gains, OUTCOMES[trial.outcome]))
     caption = "Gain, in % of the squared cross-validated error of the joint"
     return PageTable.of(("joint", "term", "constants"), heads, rows, caption)
 

@@ -59,26 +59,19 @@ def error_section(identification: Identification) -> PageSection:
     bars = (figure,) if len(joints) > 1 else ()
     blocks: list[PageBlock] = [_ERRORS, error_table(identification), *bars, _joint_matrix(identification)]
     if any(log.residuals for log in identification.validations):
-        blocks.append(
-            Fold("What is left of the torque: tests of the residuals", (_RESIDUALS, _residual_table(identification)))
-        )
+        tests = _RESIDUALS, _residual_table(identification)
+        blocks.append(Fold("What is left of the torque: tests of the residuals", tests))
     return PageSection("Errors", tuple(blocks))
 
 
 def error_table(identification: Identification) -> PageTable:
     """Return the relative errors per log."""
     heads = ("samples", "unfiltered, %", "over the noise floor", "filtered, %")
-    rows = [
-        (
-            log.name,
-            ROLES.get(log.role, log.role),
-            str(log.errors.samples),
-            number(log.errors.relative_error, 3),
-            floor_ratio_text(log),
-            number(log.errors.relative_error_filtered, 3),
-        )
-        for log in identification.validations
-    ]
+    rows = []
+    for log in identification.validations:
+        unfiltered, filtered = (number(getattr(log.errors, f"relative_error{end}"), 3) for end in ("", "_filtered"))
+        role = ROLES.get(log.role, log.role)
+        rows.append((log.name, role, str(log.errors.samples), unfiltered, floor_ratio_text(log), filtered))
     return PageTable.of(("log", "role"), heads, rows, "Relative torque error per log")
 
 
@@ -96,10 +89,8 @@ def joint_table(identification: Identification) -> PageTable:
 def unknown_noise(identification: Identification) -> Iterator[str]:
     """Yield a sentence on the joints whose sensor noise is not known, and why."""
     known_joints = [{*log.errors.sensor_noise, *log.floors} for log in identification.validations if log.errors.rmse]
-    unknown = [
-        joint.name for joint in identification.model.joints if any(joint.name not in names for names in known_joints)
-    ]
-    if unknown:
+    names = [joint.name for joint in identification.model.joints]
+    if unknown := [name for name in names if any(name not in known for known in known_joints)]:
         yield (
             f"The sensors' noise is not known of {join_names(unknown)}: the torque was filtered before it was "
             "recorded, or its noise is not white."
@@ -138,22 +129,13 @@ def floor_ratio_text(log: LogValidation, joint: str | None = None) -> str:
 def _residual_table(identification: Identification) -> PageTable:
     heads = ("explained", "of the effort limit, %", "independent after, s", "white, p", "below 5 Hz, %", "peak, Hz")
     residual_heads = (*heads, "at reversals, %", Column("points to", numeric=False))
-    rows = [
-        (
-            log.name,
-            joint,
-            number(log.errors.r2.get(joint), 4),
-            number(log.errors.effort_share.get(joint), 2),
-            number(test.decorrelation, 2),
-            number(test.p_value, 2),
-            number(100 * test.low_share, 2),
-            number(test.peak, 3),
-            number(100 * test.reversal_share, 2),
-            residual_text(log, joint) or "-",
-        )
-        for log in identification.validations
-        for joint, test in log.residuals.items()
-    ]
+    rows = []
+    for log in identification.validations:
+        for joint, test in log.residuals.items():
+            cells = [number(log.errors.r2.get(joint), 4), number(log.errors.effort_share.get(joint), 2)]
+            cells += [number(value, 2) for value in (test.decorrelation, test.p_value, 100 * test.low_share)]
+            cells += [number(test.peak, 3), number(100 * test.reversal_share, 2), residual_text(log, joint) or "-"]
+            rows.append((log.name, joint, *cells))
     return PageTable.of(("log", "joint"), residual_heads, rows, "What is left of the torque, unfiltered")
 
 
@@ -165,11 +147,9 @@ def torque_section(identification: Identification, robot: Sequence[PageBlock] = 
     curve_points = points(identification)
 
     def draw_torque(log: LogValidation, joint: Joint) -> Figure:
-        caption = (
-            f"{joint.name}: relative error {number(log.errors.per_joint.get(joint.name), 3)} %, "
-            f"rmse {number(log.errors.rmse.get(joint.name), 3)} {joint.effort}."
-        )
-        return Figure(torque_figure(log, joint.name, joint.effort, curve_points), caption)
+        error, _, rmse = _joint_errors(log, joint.name)
+        drawing = torque_figure(log, joint.name, joint.effort, curve_points)
+        return Figure(drawing, f"{joint.name}: relative error {error} %, rmse {rmse} {joint.effort}.")
 
     gallery = figure_gallery(identification, draw_torque)
     if not robot:
@@ -184,19 +164,13 @@ def simulation_section(identification: Identification) -> Iterator[PageSection]:
         return
     heads = ("position error, %", "of its way, %", "rms", "torque error, %")
     units = {joint.name: joint.unit for joint in identification.model.joints}
-    rows = [
-        (
-            run.name,
-            run.driver if run.restart is None else f"{run.driver}, {run.restart:g} s",
-            joint,
-            number(run.relative_error[joint], 3),
-            number(run.motion_error[joint], 3),
-            f"{number(run.rms[joint], 3)} {units[joint]}",
-            number(run.torque_error.get(joint), 3),
-        )
-        for run in identification.runs
-        for joint in run.joints
-    ]
+    rows = []
+    for run in identification.runs:
+        driver = run.driver if run.restart is None else f"{run.driver}, {run.restart:g} s"
+        for joint in run.joints:
+            errors = number(run.relative_error[joint], 3), number(run.motion_error[joint], 3)
+            rms, torque_error = number(run.rms[joint], 3), number(run.torque_error.get(joint), 3)
+            rows.append((run.name, driver, joint, *errors, f"{rms} {units[joint]}", torque_error))
     failures = tuple(f"{run.name}: {run.failure}" for run in identification.runs if run.failure)
     table = PageTable.of(("log", "driven by", "joint"), heads, rows, "Free simulation beside the measured position")
     runs, curve_points = {run.name: run for run in identification.runs if not run.failure}, points(identification)
@@ -218,17 +192,9 @@ def prediction_table(logs: Sequence[LogValidation], joints: Sequence[Joint]) -> 
     for log in logs:
         errors = log.errors
         rows.append((log.name, "all", number(errors.relative_error, 3), number(errors.all_over_noise, 2), "-", "-"))
-        rows += [
-            (
-                log.name,
-                joint.name,
-                number(errors.per_joint[joint.name], 3),
-                number(errors.over_noise.get(joint.name), 2),
-                number(errors.rmse[joint.name], 3),
-                joint.effort,
-            )
-            for joint in joints
-        ]
+        for name, unit in ((joint.name, joint.effort) for joint in joints):
+            error, rmse = number(errors.per_joint[name], 3), number(errors.rmse[name], 3)
+            rows.append((log.name, name, error, number(errors.over_noise.get(name), 2), rmse, unit))
     heads = ("error, %", "times white noise", "rmse", UNIT)
     return PageTable.of(("log", "joint"), heads, rows, "Torque error per log and joint, unfiltered")
 
@@ -301,12 +267,9 @@ def smooth_columns(
     if not names:
         raise InputError(f"{table.source}: holds no column besides {time.name!r} to smooth.")
     derivatives = [f"{prefix}{name}" for prefix in _PREFIXES[1:] for name in names]
-    if clash := [name for name in derivatives if name in (*names, time.name)]:
-        raise ConfigError(
-            f"{table.source}: {clash[0]!r} would name both a column and a derivative; choose with --column."
-        )
-    wrong = [name for name in names if len(table.column(name)) != len(stamps)]
-    if wrong:
+    if clash := next((name for name in derivatives if name in (*names, time.name)), None):
+        raise ConfigError(f"{table.source}: {clash!r} would name both a column and a derivative; choose with --column.")
+    if wrong := [name for name in names if len(table.column(name)) != len(stamps)]:
         raise InputError(f"{table.source}: column {wrong[0]!r} and {time.name!r} differ in length.")
     measured = np.column_stack([table.column(name) for name in names])
     fit = smooth(time.unit * stamps, measured, rule, sigma=sigma)

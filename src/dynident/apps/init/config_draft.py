@@ -135,8 +135,8 @@ def draft_config(
         page.lines.extend(lines)
         if asked:
             page.ask("simulation.joints", f"{join_names(asked)}: {GAIN_QUESTION}")
-        names = [joint.name for joint in joints]
-        if torques := [column for column in mapping.unused if read_name(column, names).role == "torque"]:
+        joint_names = [joint.name for joint in joints]
+        if torques := [column for column in mapping.unused if read_name(column, joint_names).role == "torque"]:
             page.ask("simulation", f"{join_names(map(repr, torques), 3)}: {TORQUE_ADVICE}")
     else:
         _write_channels(page, "torque", mapping.torque, mapping)

@@ -320,7 +320,7 @@ class _TermSelection:
         if isinstance(term, LoadDahl):
             load = [load[rows, j] for load, rows in zip(loads, self.samples.rows, strict=True)]
             without_load = Dahl(term.joints, term.on, length=term.length)
-            return np.abs(np.concatenate(load)) * self._columns(without_load, j, loads)
+            return np.asarray(np.abs(np.concatenate(load)) * self._columns(without_load, j, loads))
         if term.needs_load or not term.memory:
             return columns_of(self.samples, term, j, loads)
         if (j, term) not in self._cached_columns:

@@ -36,8 +36,6 @@ from dynident.runtime import (
     Noun,
     Step,
     report_progress,
-    settings_repr,
-    settings_text,
 )
 
 Array = NDArray[np.float64]
@@ -96,7 +94,7 @@ class AugmentedKalman(Estimator):
     passes: Annotated[int, Ge(1), Le(20)] = 4
 
     needs_samples: ClassVar[bool] = True
-    __repr__ = settings_repr
+    title = "extended Kalman filter of motion and parameters"
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate, with notes on what was averaged and smoothed.
@@ -152,9 +150,6 @@ class AugmentedKalman(Estimator):
     def quick(self) -> LeastSquares:
         """Return least squares: a filter takes too long for a search."""
         return LeastSquares()
-
-    def __str__(self) -> str:
-        return settings_text("extended Kalman filter of motion and parameters", self)
 
 
 class _KalmanRun(Noun):

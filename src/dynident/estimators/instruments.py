@@ -121,10 +121,9 @@ def pair_rows(problem: Problem, instruments: Sequence[Instruments]) -> tuple[Reg
         instrument_rows.append(replace(instrument.motion, mask=mask, keep=keep))
     # slow samples are left out by the masks above, alike in both
     selection = Selection(regression.filter)
-    regressions = (
+    row_regression, instrument_regression = (
         replace(regression, motions=tuple(motions), selection=selection) for motions in (rows, instrument_rows)
     )
-    row_regression, instrument_regression = regressions
     return row_regression, instrument_regression
 
 

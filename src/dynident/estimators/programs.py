@@ -8,7 +8,7 @@ and the feasible set is thin. Boyd and Vandenberghe (2004), "Convex optimization
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,10 +38,8 @@ def minimise_from_inside(
         return None
     scale_lengths = np.linalg.norm(directions / scale[:, None], axis=0)
     # the coordinates of the interior point, in unit directions
-    x = (
-        np.linalg.lstsq(directions / scale_lengths / scale[:, None], (start - origin) / scale, rcond=1e-14)[0]
-        / scale_lengths
-    )
+    unit_directions = directions / scale_lengths / scale[:, None]
+    x = np.linalg.lstsq(unit_directions, (start - origin) / scale, rcond=1e-14)[0] / scale_lengths
     inner_directions = directions @ (null_space := equality_null_space(constraints, directions))
     inner_point = origin + directions @ x
     # equalities are kept by moving in their null space: a barrier knows inequalities only
@@ -68,10 +66,8 @@ def _interior_point(constraints: Constraints, origin: Array, scale: Array) -> Ar
     """Return a point (p) inside the constraints, near bodies of their typical size."""
     target, p = np.clip(origin, -MAX_START_SIZE * scale, MAX_START_SIZE * scale), len(scale)
     for body in constraints.bodies:
-        target[body.columns] = 0.0
-        target[body.columns[[0, 4, 6, 9]]] = body.size[3] ** 2 * np.append(
-            1.0, 2.0 * (body.size[:3] / body.size[3]) ** 2
-        )
+        length = body.size[:3] / body.size[3]
+        target[body.columns[[0, 4, 6, 9]]] = body.size[3] ** 2 * np.append(1.0, 2.0 * length**2)
     limits = tuple(map(_narrow_limit, constraints.limits))
     # the further inside, the better the path begins, but a thin feasible set may have no such point
     for times in MARGIN_FACTORS:
@@ -93,9 +89,7 @@ def _narrow_limit(limit: Limit) -> Limit:
     return replace(limit, lower=limit.lower + by, upper=limit.upper - by)
 
 
-FREE_PENALTY = (
-    1.0  # penalty, in squared standard errors, of one usual size along a free direction, which keeps bodies finite
-)
+FREE_PENALTY = 1.0  # squared standard errors for one usual size along a free direction: it keeps bodies finite
 FREE_SCALES = (1.0, 10.0, 100.0, 1e3)  # times the usual size, where the penalty is more than
 MAX_PENALTY_SHARE = 0.01  # of the squared residual of all rows
 MIN_RELATIVE_NOISE = 1e-5  # of the torque: its noise at least
@@ -202,9 +196,8 @@ def _solve_program(information: Information, constraints: Constraints) -> Array:
     # widen the units of the free part until the penalty on it no longer matters
     for factor in FREE_SCALES:
         x = _solve_scaled(replace(information, free=information.free * factor), constraints)
-        if FREE_PENALTY * float(np.sum(x[free] ** 2)) <= MAX_PENALTY_SHARE * (
-            information.noise + float(np.sum(x[~free] ** 2))
-        ):
+        penalty = FREE_PENALTY * float(np.sum(x[free] ** 2))
+        if penalty <= MAX_PENALTY_SHARE * (information.noise + float(np.sum(x[~free] ** 2))):
             break
     return np.where(free, factor * x, x)
 
@@ -270,11 +263,7 @@ def add_prior(information: Information, prior: Array, strength: float) -> Inform
         return information
     unit = (1.0 / information.scale)[has_prior, None]
     # eliminate the free directions: they take the point of least distance for any d
-    free, _ = (
-        np.linalg.qr(information.free[has_prior] * unit)
-        if information.free.shape[1]
-        else (np.zeros((len(unit), 0)), None)
-    )
+    free, _ = np.linalg.qr(information.free[has_prior] * unit)
     A = information.informed[has_prior] * unit
     offset = (prior - information.base)[has_prior] * unit[:, 0]
     A, offset = A - free @ (free.T @ A), offset - free @ (free.T @ offset)
@@ -298,7 +287,7 @@ def move_to_prior(
     directions = information.free @ equality_null_space(constraints, information.free)
     if not directions.shape[1]:
         return theta, 0.0
-    relaxed = constraints.relax_margin(0.5)
+    relaxed = replace(constraints, margin=0.5 * constraints.margin)
     # the unconstrained optimum is used where it is feasible, without a barrier
     if not entropic and relaxed.violation(closest := nearest_to_prior(information, theta, prior)) <= 0:
         return closest, 0.0
@@ -313,8 +302,7 @@ def move_to_prior(
     return theta + directions @ x, gap
 
 
-@dataclass(frozen=True, eq=False)
-class _PriorProgram:
+class _PriorProgram(Noun):
     """Minimise x' H x / 2 - g' x + ``prior_barrier`` at x (v), inside ``limit_barrier``."""
 
     H: Array
@@ -342,12 +330,14 @@ class _PriorProgram:
 
 def _limit_barrier(constraints: Constraints, theta: Array, directions: Array) -> Barrier:
     """Return the barrier of the constraints that the free directions move."""
-    limit_constraints = [
+    movable = [
         constraint
         for constraint in constraints.psd_constraints(theta, directions)
         if np.abs(constraint.slopes).max(initial=0.0) > ACTIVE_SLACK
     ]
-    for constraint in constraints.scalar_constraints(theta, directions):
-        if (np.abs(constraint.slopes) > ACTIVE_SLACK).any():
-            limit_constraints.append(replace(constraint, offset=np.maximum(constraint.constant, ACTIVE_SLACK)))
-    return Barrier(tuple(limit_constraints))
+    movable += [
+        replace(constraint, offset=np.maximum(constraint.constant, ACTIVE_SLACK))
+        for constraint in constraints.scalar_constraints(theta, directions)
+        if (np.abs(constraint.slopes) > ACTIVE_SLACK).any()
+    ]
+    return Barrier(tuple(movable))

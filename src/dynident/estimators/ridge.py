@@ -32,7 +32,7 @@ from dynident.regression import (
     merge_factors,
     rank_of,
 )
-from dynident.runtime import Note, report_progress, settings_repr, settings_text
+from dynident.runtime import Note, report_progress
 
 Array = NDArray[np.float64]
 NamedPrior = Literal["nominal", "none"]
@@ -78,7 +78,7 @@ class Ridge(LinearEstimator):
     strength: Annotated[float, Ge(0), Le(MAX_STRENGTH)] | Literal["auto"] = "auto"
 
     by_parameter: ClassVar[tuple[str, ...]] = ("prior",)
-    __repr__ = settings_repr
+    title = "ridge regression"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -135,9 +135,6 @@ class Ridge(LinearEstimator):
     def _prior(self, model: Model) -> Array:
         """Return the prior (p), nan where a parameter has none."""
         return np.zeros(len(model.names)) if self.prior == "none" else prior_values(self.prior, model)
-
-    def __str__(self) -> str:
-        return settings_text("ridge regression", self)
 
 
 def _usual_sizes(model: Model, triangular: TriangularFactors, weights: Array) -> Array:

@@ -11,7 +11,7 @@ from array import array
 from bz2 import BZ2Decompressor
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from importlib import import_module
 from pathlib import Path
 from threading import Lock
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from dynident.files.opener import afford, open_input, read_text
 from dynident.files.tables import DataTable
 from dynident.files.yaml_text import load_yaml
-from dynident.runtime import MEMORY_VARIABLE, InputError, choices, install_command, memory_budget
+from dynident.runtime import MEMORY_VARIABLE, InputError, Noun, choices, install_command, memory_budget
 from dynident.runtime.families import READERS
 
 _BUDGET_DIVISOR = 32  # of the budget, what chunks hold beyond the usual ratio
@@ -160,8 +160,7 @@ def _zstd() -> Any:
         return import_module("backports.zstd")
 
 
-@dataclass(frozen=True, eq=False)
-class _MessageGroup:
+class _MessageGroup(Noun):
     """The messages of a topic that name the same set of joints, in the order of arrival; stamps are in ns.
 
     ``quantities`` are those that at least one message holds.
@@ -193,8 +192,7 @@ class _MessageGroup:
         return np.hstack([np.frombuffer(self.values[name]).reshape(-1, len(self.joints)) for name in _QUANTITIES])
 
 
-@dataclass(frozen=True, eq=False)
-class _SortedMessages:
+class _SortedMessages(Noun):
     """The messages of a group sorted by their stamps (ns), without repeated stamps."""
 
     group: _MessageGroup

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -85,8 +85,7 @@ MAX_MERGED_VOLUME = 1.0  # two capsules become one of up to so many times their 
 MAX_CUT_VOLUME = 0.8  # a mesh is cut in two where that leaves less than this share of the volume
 
 
-@dataclass(frozen=True, eq=False)
-class _BodyPart:
+class _BodyPart(Noun):
     """A part of a body: its link, the balls that it occupies, and the capsule around them."""
 
     link: str

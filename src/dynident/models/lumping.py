@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.runtime import ModelError
+from dynident.runtime import ModelError, Noun
 
 Symbols = Sequence[Any]
 Monomial = tuple[int, ...]  # powers of the unknowns, in order of declaration
@@ -28,8 +28,7 @@ class Lump:
     torque: tuple[Any, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class _Share:
+class _Share(Noun):
     """What one monomial of the unknowns contributes: n torques, and their values (POINTS, n) at random states."""
 
     monomial: Monomial

@@ -16,7 +16,7 @@ from importlib import import_module
 from numbers import Real
 from typing import Annotated, Any, Literal, Protocol, Self, get_args, get_origin, get_type_hints, runtime_checkable
 
-from dynident.runtime.errors import ConfigError, choices
+from dynident.runtime.errors import ConfigError, Noun, choices
 
 ACTIONS: Mapping[str, str] = {
     "summary": "dynident.report.terminal:summary",
@@ -51,8 +51,7 @@ class Settings(Protocol):
         """Return the part, or the candidates (a tuple) to choose it from."""
 
 
-@dataclass(frozen=True, eq=False)
-class PartFamily:
+class PartFamily(Noun):
     """Interchangeable parts: ``table`` maps each kind to its ``module:name``, imported when it is first asked for.
 
     ``members`` are the attributes that a part must have; ``caller_fields`` those of its fields that are no

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
@@ -136,8 +136,7 @@ class Signals(Noun):
     recorded_log: Log | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class LogValidation:
+class LogValidation(Noun):
     """How well a model does on one log: torque ``errors``, and by joint name tests of the ``residuals``.
 
     ``floors`` tell by joint what the sensors allow of the residual, where it is known (``with_floors``).

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -19,8 +19,7 @@ CACHED_RULES, MAX_CACHED_SAMPLES = 8, 10_000  # rules kept for other recordings,
 MAX_POLYNOMIAL_RESIDUAL = 0.03  # standard deviations of a sample: torques this close to a polynomial count as one
 
 
-@dataclass(frozen=True, eq=False)
-class Torques:
+class Torques(Noun):
     """Torques tau (K, n) at times t (K), each standing for ``weight`` (K, n) samples.
 
     The squared distances of all samples from a smooth f sum to those of weight (tau - f(t))^2, plus ``scatter`` (n).
@@ -96,8 +95,7 @@ def _cached_rule(t: bytes, first_samples: bytes, count: bytes, is_chosen: bytes)
     return _GaussRule.from_samples(np.frombuffer(t), starts, sizes, np.frombuffer(is_chosen, dtype=bool))
 
 
-@dataclass(frozen=True, eq=False)
-class _GaussRule:
+class _GaussRule(Noun):
     """Polynomials (GAUSS_POINTS, M), orthonormal over the M samples of the chosen intervals.
 
     The intervals begin at ``start`` (I). ``diagonal``, ``off_diagonal`` (GAUSS_POINTS, I) are the coefficients of
@@ -169,16 +167,14 @@ GAUSS_OFFSET = 0.5 / np.sqrt(3.0)  # points of Gauss's rule of two, from the mid
 LINE_STD = 0.05  # standard deviation of the torque's straight line after a step, in units of the torque's noise
 
 
-@dataclass(frozen=True, eq=False)
-class Sigma:
+class Sigma(Noun):
     """Standard deviations of white noise: ``q`` (n) of the positions (rad, m), ``tau`` (n) of the torques (N m, N)."""
 
     q: Array
     tau: Array
 
 
-@dataclass(frozen=True, eq=False)
-class State:
+class State(Noun):
     """The unknowns of one segment: spline coefficients C (m, n), and torques W (k, n) at the torque knots."""
 
     C: Array

@@ -8,7 +8,7 @@ Here LAPACK solves it; ``compiled.py`` does the same with the kernel where there
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from math import nan
 from typing import NamedTuple
@@ -16,6 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
+
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(np.float64).eps)
@@ -68,8 +70,7 @@ class Solution(NamedTuple):
     norm: float = nan
 
 
-@dataclass(frozen=True, eq=False)
-class Axis:
+class Axis(Noun):
     """The times ``x`` (N) less their mean, with weights ``w``; ``wx`` their product, ``total`` the sum of the weights
     and ``square`` that of w x^2."""
 
@@ -90,8 +91,7 @@ class Axis:
         return cls(x, w, wx, total, float(wx @ x))
 
 
-@dataclass(frozen=True, eq=False)
-class Grid:
+class Grid(Noun):
     """Times in units of the mean step: ``step`` (N - 1), all that the columns of data have in common."""
 
     step: Array

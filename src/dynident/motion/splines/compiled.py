@@ -8,7 +8,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from ctypes import addressof, c_char, c_double, c_int32, c_int64, c_void_p
-from dataclasses import dataclass
 from math import isfinite, nan
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.motion.splines.banded import Grid, IllConditionedError, Solution, System
+from dynident.runtime import Noun
 from dynident.runtime.kernel import function
 
 Array = NDArray[np.float64]
@@ -43,8 +43,7 @@ class SplineProblem(Protocol):
         """The right-hand side Q' y (N - 2)."""
 
 
-@dataclass(frozen=True, eq=False)
-class BareProblem:
+class BareProblem(Noun):
     """A system and a right-hand side without the data they come from."""
 
     system: System

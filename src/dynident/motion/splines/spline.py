@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -15,14 +14,13 @@ from dynident.motion.splines.compiled import BareProblem, column_ranges, slopes,
 from dynident.motion.splines.rules import Constraint, Rule, check_columns
 from dynident.motion.splines.search import SplineSearch, once, run_searches
 from dynident.motion.splines.series import ScaledSeries, noise_sigma
-from dynident.runtime import ConfigError, InputError
+from dynident.runtime import ConfigError, InputError, Noun
 
 Array = NDArray[np.float64]
 MAX_VALUE = 1e100  # squares and fourth powers of allowed values must not overflow
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothingSpline:
+class SmoothingSpline(Noun):
     """A natural cubic spline g fitted to one or k series on a common time grid.
 
     ``t`` (N); ``values`` = a = g(t) and ``c`` = g''(t) / 2, both (N,) or (N, k) like the data; per series (a float, or

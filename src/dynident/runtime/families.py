@@ -98,7 +98,7 @@ class PartFamily(Noun):
             if not callable(part):
                 raise ConfigError(f"{where} is no function.")
             return
-        if not _is_frozen(part):
+        if not (isinstance(part, type) and is_dataclass(part) and part.__dataclass_params__.frozen):  # type: ignore[attr-defined]
             raise ConfigError(f"{where} is no frozen dataclass; write @dataclass(frozen=True) before its class.")
         # fields without a default are no attributes of the class
         attributes = {field.name for field in fields(part)}.union(*map(vars, part.__mro__[:-1]))
@@ -161,10 +161,6 @@ def settings_hints(holder: type) -> dict[str, Any]:
     except NameError as error:
         words = "import it in the file itself, not under TYPE_CHECKING"
         raise ConfigError(f"{holder.__name__}: the type of a field is not known: {error}; {words}.") from error
-
-
-def _is_frozen(part: Any) -> bool:
-    return isinstance(part, type) and is_dataclass(part) and bool(part.__dataclass_params__.frozen)  # type: ignore[attr-defined]
 
 
 def _import_path(cls: Any) -> str:

@@ -301,16 +301,17 @@ def select_rare(mask: Mask, max_share: float) -> Mask:
 
 def suspects(log: Log) -> Suspects:
     """Return where the positions and torques of a log look wrong; the log keeps it."""
-    return log.fact("suspects", lambda: _find_suspects(log))
 
+    def find() -> Suspects:
+        clipped = _clipped_samples(log.tau)
+        frozen_torque = frozen_samples(log.t, log.tau) & ~clipped
+        q, tau = (spikes(log.t, x) | torn_ends(log.t, x) for x in (log.q, log.tau))
+        constant = np.ptp(log.tau, axis=0) == 0
+        # where all are constant, the whole arm may swing freely
+        dead = np.broadcast_to(constant & ~constant.all(), log.tau.shape)
+        return Suspects(q, frozen_samples(log.t, log.q), tau & ~clipped, frozen_torque, clipped, dead)
 
-def _find_suspects(log: Log) -> Suspects:
-    clipped = _clipped_samples(log.tau)
-    frozen_torque = frozen_samples(log.t, log.tau) & ~clipped
-    q, tau = (spikes(log.t, x) | torn_ends(log.t, x) for x in (log.q, log.tau))
-    constant = np.ptp(log.tau, axis=0) == 0
-    dead = np.broadcast_to(constant & ~constant.all(), log.tau.shape)  # where all are, the whole arm may swing freely
-    return Suspects(q, frozen_samples(log.t, log.q), tau & ~clipped, frozen_torque, clipped, dead)
+    return log.fact("suspects", find)
 
 
 def _clipped_samples(tau: NDArray[np.float64]) -> Mask:

@@ -224,7 +224,9 @@ class System:
             return Solution(p, u, self.weighted_rss(v), residual, accuracy, norm=float(np.sqrt(u @ u)))
         rss, mass_u = self.weighted_rss(v), self.mass(u)
         energy = float(u @ mass_u)
-        slope = self._slope(p, factor, mass_u, energy, rss)
+        # d log(rss) / d log(p) = -2 p (u' N u - p w' w) / rss with R' w = N u (step 3 of the algorithm)
+        w = lapack.dtbtrs(factor, mass_u[:, None], uplo="L")[0]
+        slope = -2.0 * p * (energy - p * float(np.vdot(w, w))) / max(rss, TINY)
         log_det_terms = _determinant(p, factor, self.grid) if trace else (np.nan, np.nan, np.nan)
         return Solution(p, None, rss, np.nan, np.nan, slope, energy, *log_det_terms)
 
@@ -246,12 +248,6 @@ class System:
             u = u + correction
             v = self.removed_signal(u)
             last_change, expected_error = change, change * change / last_change
-
-    @staticmethod
-    def _slope(p: float, factor: Array, mass_u: Array, energy: float, rss: float) -> float:
-        """Return d log(rss) / d log(p) = -2 p (u' N u - p w' w) / rss with R' w = N u (step 3 of the algorithm)."""
-        w = lapack.dtbtrs(factor, mass_u[:, None], uplo="L")[0]
-        return -2.0 * p * (energy - p * float(np.vdot(w, w))) / max(rss, TINY)
 
     def interpolate(self, z: Array) -> Array:
         """Solve N c = Q' y, eq. (22): the natural interpolating spline."""

@@ -225,11 +225,6 @@ def _address(x: NDArray[Any]) -> int:
         return int(x.ctypes.data)
 
 
-def _addresses(arrays: Sequence[Array]) -> NDArray[np.uintp]:
-    """Return the addresses of contiguous arrays, which must be kept."""
-    return np.array([_address(x) for x in arrays], dtype=np.uintp)
-
-
 def column_ranges(columns: Array) -> tuple[list[float], list[float], bool]:
     """Return the least and the largest value of each of the columns (N, k), and whether all are finite."""
     call = function("spline_survey", c_int64, c_int64, c_void_p, c_void_p)
@@ -297,7 +292,7 @@ def spline_values(
             np.multiply(u[j], bend[j], out=c[1:-1, j])
         return values, c
     variances = [system.variance for system in systems if system.variance is not None]
-    variance = _addresses(variances) if variances else None
+    variance = np.array([_address(x) for x in variances], dtype=np.uintp) if variances else None
     u_addresses, u_strides = np.array([x.ctypes.data for x in u]), np.array([x.strides[0] // x.itemsize for x in u])
     inputs = _address(columns), _address(systems[0].grid.reciprocal), _address(u_addresses), _address(u_strides)
     units = np.array([size, bend], dtype=float)

@@ -209,14 +209,9 @@ class ScaledSeries(Noun):
 
     def line(self) -> Array:
         """Return the weighted least-squares straight line at the samples (the limit p = 0)."""
-        mean, slope = self._line
-        return np.asarray(mean + self.system.axis.x * slope)
-
-    @cached_property
-    def _line(self) -> tuple[float, float]:
         axis = self.system.axis
         mean = float(axis.w @ self.y) / axis.total
-        return mean, float(axis.wx @ self.y - mean * axis.wx.sum()) / axis.square
+        return np.asarray(mean + axis.x * (float(axis.wx @ self.y - mean * axis.wx.sum()) / axis.square))
 
     @cached_property
     def straight_rss(self) -> float:

@@ -86,9 +86,6 @@ class SmoothingSpline(Noun):
     def _match_shape(self, value: Array) -> Array:
         return value if self.values.ndim == 2 else np.asarray(value[0])[()]
 
-    def _as_column(self, x: Array) -> Array:
-        return x if self.values.ndim == 1 else x[:, None]
-
     def derivative(self, order: int = 1) -> Array:
         """Return the derivative of order 0 to 3 at the samples, shaped like the data (eqs. 34-36).
 
@@ -103,7 +100,8 @@ class SmoothingSpline(Noun):
             return 2.0 * self.c
         if order == 1 and (slope := slopes(self.t, self.values, self.c)) is not None:
             return slope
-        h = self._as_column(np.diff(self.t))
+        h = np.diff(self.t)
+        h = h if self.values.ndim == 1 else h[:, None]
         out = np.empty_like(self.values)
         if order == 3:
             np.divide(np.diff(self.c, axis=0), 0.5 * h, out=out[:-1])

@@ -194,7 +194,7 @@ def test_estimate_says_which_parameters_cannot_be_distinguished() -> None:
 
 def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
     """95 % intervals and the ellipsoid of all parameters, over many noises of the same motion."""
-    model, runs, sigma = two_link_arm(), 500, 0.2
+    model, runs, sigma = two_link_arm(), 250, 0.2
     assert model.values is not None
     rng = np.random.default_rng(5)
     p, freedom = len(model.names), 200 - 7

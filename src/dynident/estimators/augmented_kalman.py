@@ -200,7 +200,8 @@ class _KalmanRun(Noun):
         # raises here, and not within the filter, where the start has no positive definite mass matrix
         _ = _is_mobile(dynamics, series, start.value)
         # the torque noise moves the joints within a step: positions must not count as more exact than that
-        min_sigma = MIN_POSITION_NOISE * step**2 / 2 * _mobility(dynamics, series) @ series.noise.mean(axis=(0, 1))
+        mobility = np.abs(np.linalg.inv(_mass_matrices(dynamics, series, dynamics.theta))).mean(axis=0)
+        min_sigma = MIN_POSITION_NOISE * step**2 / 2 * mobility @ series.noise.mean(axis=(0, 1))
         series = replace(series, sigma=np.maximum(series.sigma, min_sigma))
         uncertain_share = (np.concatenate(uncertain) > sigma).mean(axis=0).max()  # of the samples, in the sign
         notes = (SmoothSigns(widths),) if widths and uncertain_share > MAX_UNCERTAIN_SHARE else ()
@@ -294,11 +295,6 @@ def _is_mobile(dynamics: Dynamics, series: FilterSeries, theta: Array) -> bool:
         float(np.linalg.eigvalsh(inverse_root @ proposed @ np.swapaxes(inverse_root, 1, 2))[:, 0].min())
         > MIN_MASS_SHARE
     )
-
-
-def _mobility(dynamics: Dynamics, series: FilterSeries) -> Array:
-    """Return the mean magnitude (n, n) of the entries of the inverse mass matrix."""
-    return np.asarray(np.abs(np.linalg.inv(_mass_matrices(dynamics, series, dynamics.theta))).mean(axis=0))
 
 
 def _combine_pieces(a: Array, S: Array, scatter: float) -> tuple[Array, Array]:

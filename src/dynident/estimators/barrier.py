@@ -96,14 +96,6 @@ def solver(H: Array) -> Callable[[Array], Array]:
     return lambda g: np.asarray(scale * cho_solve(factor, g * scale, check_finite=False))
 
 
-def _dependent_columns(constraint: PsdConstraint) -> Index:
-    """Return the components of x that a constraint depends on, or all of them where most matter."""
-    columns = np.flatnonzero(np.abs(constraint.slopes).sum(axis=(0, 1, 2)))
-    size = constraint.slopes.shape[-1]
-    # constraints on most components share all columns, so that they can be stacked into one product
-    return columns if 2 * len(columns) < size else np.arange(size)
-
-
 class Barrier(Noun):
     """``weight`` times the sum of -log det, or of log-det divergences, of the matrices (mean over the K)."""
 
@@ -115,7 +107,10 @@ class Barrier(Noun):
         """The matrices, stacked where they are of one size and depend on as many components of x."""
         groups: dict[tuple[int, int], tuple[list[Index], list[PsdConstraint]]] = {}
         for constraint in self.psd_constraints:
-            columns = _dependent_columns(constraint)
+            columns = np.flatnonzero(np.abs(constraint.slopes).sum(axis=(0, 1, 2)))
+            size = constraint.slopes.shape[-1]
+            # constraints on most components share all columns, so that they can be stacked into one product
+            columns = columns if 2 * len(columns) < size else np.arange(size)
             group = groups.setdefault((constraint.slopes.shape[1], len(columns)), ([], []))
             group[0].append(columns)
             group[1].append(constraint)

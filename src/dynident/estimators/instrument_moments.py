@@ -232,10 +232,11 @@ def _recording_scores(
     instruments: Sequence[Instruments],
 ) -> Iterator[Callable[[], Iterator[Array]]]:
     """Yield for each recording a function that gives its scores, in blocks (B, r)."""
-    score_functions = [
-        partial(_sample_scores, moments, beta, root, *(_select_recording(source, k) for source in regressions))
+    recordings = [
+        [replace(x, motions=x.motions[k : k + 1], weights=x.weights[k : k + 1]) for x in regressions]
         for k in range(len(instruments))
     ]
+    score_functions = [partial(_sample_scores, moments, beta, root, *recording) for recording in recordings]
     joined_scores = {
         k: _join_scores(score_functions[k](), beta)
         for k, source in enumerate(instruments)
@@ -293,7 +294,3 @@ def _add_partner_scores(
         is_mutual &= at < partner_at[j]
     u[is_mutual] += v[j[is_mutual]]
     v[j[is_mutual]] = 0.0
-
-
-def _select_recording(regression: Regression, k: int) -> Regression:
-    return replace(regression, motions=regression.motions[k : k + 1], weights=regression.weights[k : k + 1])

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.estimators.barrier import Barrier, PenalisedQuadratic
-from dynident.estimators.cone import Optimum, minimise
-from dynident.estimators.physical_constraints import BodyConstraint, Constraints, Limit
+from dynident.estimators.cone import minimise
+from dynident.estimators.physical_constraints import BodyConstraint, Constraints
 from dynident.regression import Rank
 from dynident.runtime import ConfigError, ModelError, Noun
 
@@ -68,7 +68,10 @@ def _interior_point(constraints: Constraints, origin: Array, scale: Array) -> Ar
     for body in constraints.bodies:
         length = body.size[:3] / body.size[3]
         target[body.columns[[0, 4, 6, 9]]] = body.size[3] ** 2 * np.append(1.0, 2.0 * length**2)
-    limits = tuple(map(_narrow_limit, constraints.limits))
+    insets = [np.minimum(LIMIT_INSET, 0.25 * (x.upper - x.lower)) for x in constraints.limits]
+    limits = tuple(
+        replace(x, lower=x.lower + by, upper=x.upper - by) for x, by in zip(constraints.limits, insets, strict=True)
+    )
     # the further inside, the better the path begins, but a thin feasible set may have no such point
     for times in MARGIN_FACTORS:
         tighter = replace(constraints, limits=limits, margin=min(times * constraints.margin, 0.1))
@@ -81,12 +84,6 @@ def _interior_point(constraints: Constraints, origin: Array, scale: Array) -> Ar
         if Barrier(matrices).is_inside(np.zeros(p)):
             return theta
     return None
-
-
-def _narrow_limit(limit: Limit) -> Limit:
-    """Return slightly narrower limits."""
-    by = np.minimum(LIMIT_INSET, 0.25 * (limit.upper - limit.lower))
-    return replace(limit, lower=limit.lower + by, upper=limit.upper - by)
 
 
 FREE_PENALTY = 1.0  # squared standard errors for one usual size along a free direction: it keeps bodies finite
@@ -222,7 +219,12 @@ def _solve_scaled(information: Information, constraints: Constraints) -> Array:
         violation = constraints.violation(information.theta(optimum.point * sizes))
         if optimum.is_optimal and violation <= MAX_MARGIN_LOSS * constraints.margin:
             return optimum.point * sizes
-        failure = _solver_failure(optimum, violation)
+        failure = ModelError(
+            f"the consistent fit failed: the conic solver stopped with {optimum.status}; its optimality conditions "
+            f"hold to {max(optimum.stationarity, optimum.gap):.1e} (1e-05 is required), the constraints to "
+            f"{violation:.1e}; check nominal values and bounds for wrong units, or raise the threshold, the margin, or "
+            "both."
+        )
     # last resort: the barrier method from inside the feasible set
     quadratic = np.diag(np.where(np.arange(p) < k, 1.0, FREE_PENALTY))
     directions = np.concatenate((information.informed, information.free), axis=1)
@@ -230,14 +232,6 @@ def _solve_scaled(information: Information, constraints: Constraints) -> Array:
     if x is None or not constraints.violation(information.theta(x)) <= MAX_MARGIN_LOSS * constraints.margin:
         raise failure or ModelError("the consistent fit failed: no point inside the constraints was found.")
     return x
-
-
-def _solver_failure(optimum: Optimum, violation: float) -> ModelError:
-    return ModelError(
-        f"the consistent fit failed: the conic solver stopped with {optimum.status}; its optimality conditions hold to "
-        f"{max(optimum.stationarity, optimum.gap):.1e} (1e-05 is required), the constraints to {violation:.1e}; "
-        "check nominal values and bounds for wrong units, or raise the threshold, the margin, or both."
-    )
 
 
 ACTIVE_SLACK = 1e-9  # slack given to limits that are active after the first program

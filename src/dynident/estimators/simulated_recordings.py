@@ -303,8 +303,14 @@ def open_shots(problem: Problem, k: int, segment: float, torque: Array | None = 
     Positions are simulated when they are stamped; ``torque`` (N, n) is that of then, by default the measured one.
     """
     motion = problem.motions[k]
-    torque = _torque_at_stamps(motion) if torque is None else torque
-    driving_motion = replace(motion.shift(-motion.time_offset), tau=_sharpen_torque(torque))
+    if torque is None:  # at the times when the positions are stamped, later by the time offset
+        t, torque = motion.t - motion.time_offset, motion.tau
+        if motion.time_offset:
+            torque = np.column_stack([np.interp(t, motion.t, column) for column in torque.T])
+    sharpened = torque.copy()
+    # a twelfth of the second difference: then the mean between samples is that of the parabola through them
+    sharpened[1:-1] -= np.diff(torque, 2, axis=0) / 12.0
+    driving_motion = replace(motion.shift(-motion.time_offset), tau=sharpened)
     runs = stretches(driving_motion.mask)
     min_length = max(MIN_SAMPLES, MIN_LENGTH_SHARE * max((run.stop - run.start for run in runs), default=0))
     long_runs = [run for run in runs if run.stop - run.start >= min_length]
@@ -341,19 +347,3 @@ def _too_few_error(motion: Motion) -> InputError:
         f"{motion.source}: too few usable samples in a row to simulate: give at least {MIN_SAMPLES}, or an estimator "
         "that simulates nothing."
     )
-
-
-def _torque_at_stamps(motion: Motion) -> Array:
-    """Return the torque at the times when the positions are stamped, later by the time offset."""
-    if not motion.time_offset:
-        return motion.tau
-    t = motion.t - motion.time_offset
-    return np.column_stack([np.interp(t, motion.t, column) for column in motion.tau.T])
-
-
-def _sharpen_torque(tau: Array) -> Array:
-    """Return a torque (N, n) whose averages between neighbours are those of a smooth curve through the samples."""
-    sharpened = tau.copy()
-    # a twelfth of the second difference: then the mean between samples is that of the parabola through them
-    sharpened[1:-1] -= np.diff(tau, 2, axis=0) / 12.0
-    return sharpened

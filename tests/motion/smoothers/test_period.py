@@ -63,7 +63,9 @@ def test_a_period_that_is_off_by_a_tenth_is_reached() -> None:
     """Steps are of a hundredth at most, and the twelfth is the last."""
     t = np.arange(450) * 0.02
     for start in (4.0 * 1.01**-11.5, 4.0 * 0.99**-11.3):
-        assert refine_period(t, np.sin(np.pi / 2 * t)[:, None], start, 1, np.ones(1)).value == pytest.approx(4, rel=1e-4)
+        assert refine_period(t, np.sin(np.pi / 2 * t)[:, None], start, 1, np.ones(1)).value == pytest.approx(
+            4, rel=1e-4
+        )
 
 
 def fit(q: np.ndarray, t: np.ndarray, period: Period, harmonics: int | None = None):

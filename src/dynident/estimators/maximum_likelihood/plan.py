@@ -79,11 +79,11 @@ def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Re
     used_torques: list[NDArray[np.bool_] | None] = [None] * len(logs)
     if len(logs) == len(problem.motions):
         used_torques = [fitted_rows(motion, problem.regression.min_speed) for motion in problem.motions]
-    group = _averaging_group(logs, rate)
-    if group > 1:
-        logs = tuple(
-            Log(*(_group_means(x, group) for x in (log.t, log.q, log.tau)), log.joints, log.source) for log in logs
-        )
+    highest_rate = max((len(log) - 1) / float(np.ptp(log.t)) for log in logs)
+    group = 1 if rate is None else int(np.ceil(highest_rate / rate))
+    if 1 < group <= min(map(len, logs)) // MIN_SAMPLES:  # no log becomes too short
+        means = [[_group_means(x, group) for x in (log.t, log.q, log.tau)] for log in logs]
+        logs = tuple(Log(t, q, tau, log.joints, log.source) for (t, q, tau), log in zip(means, logs, strict=True))
         # an average counts only where all of its samples are used
         used_torques = [None if mask is None else _group_means(mask.astype(float), group) == 1 for mask in used_torques]
         notes.append(Averaged(group))
@@ -102,13 +102,6 @@ def _bridge_excluded(log: Log) -> Log:
     included = ~log.excluded
     columns = [np.interp(log.t, log.t[included], column[included]) for column in log.tau.T]
     return replace(log, tau=np.stack(columns, axis=1))
-
-
-def _averaging_group(logs: Sequence[Log], rate: float | None) -> int:
-    """Return how many neighbouring samples to average; 1 where a log would become too short."""
-    highest_rate = max((len(log) - 1) / float(np.ptp(log.t)) for log in logs)
-    group = 1 if rate is None else int(np.ceil(highest_rate / rate))
-    return group if min(map(len, logs)) >= MIN_SAMPLES * group else 1
 
 
 def estimate_noise(logs: Sequence[Log]) -> tuple[Array, Array]:

@@ -130,7 +130,7 @@ class LikelihoodSearch:
                     break  # the last halving gained nothing
                 candidates.append(self._try_spacing(size, from_rest=from_rest))
                 residual_power.append(self._torque_residual_power(candidates[-1].segments))
-        return candidates[np.flatnonzero(residual_power <= EQUAL_POWER_RATIO * np.min(residual_power))[-1]]
+        return candidates[int(np.flatnonzero(residual_power <= EQUAL_POWER_RATIO * np.min(residual_power))[-1])]
 
     def _try_spacing(self, size: float, *, from_rest: bool) -> _Knots:
         """Return the knots of a spacing, after a fit to the positions alone."""

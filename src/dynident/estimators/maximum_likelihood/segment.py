@@ -371,7 +371,10 @@ class Segment(Noun):
         C = np.concatenate([self.smoothing_equations(a, b).solve_band(rhs[:, None]) for a, b, rhs in pairs], axis=1)
         if self.from_rest:
             C[0] = C[1]
-        W = [np.stack([_mean_torque_after(self.log, knot) for knot in knots]) for knots in self.torque_knots]
+        t, tau = self.log.t, self.log.tau
+        first = [np.minimum(np.searchsorted(t, knots - 1e-12), len(t) - 5) for knots in self.torque_knots]
+        # the mean torque of the five samples from each knot on
+        W = [np.stack([tau[max(i, 0) : i + 5].mean(axis=0) for i in rows]) for rows in first]
         return State(C, np.concatenate(W) if W else np.zeros((0, len(sigma_q))))
 
     def resolution(self, sigma_q: Array, sigma_ddq: Array) -> Array:
@@ -385,9 +388,3 @@ class Segment(Noun):
             inverse = self.smoothing_equations(a, b).inverse[high - low, low]
             out.append(np.sqrt(np.median(np.einsum("na,nab,nb->n", slope, inverse, slope))))
         return np.array(out)
-
-
-def _mean_torque_after(log: Log, t: float) -> Array:
-    """Return the mean torque (n) of the five samples from t on."""
-    i = min(int(np.searchsorted(log.t, t - 1e-12)), len(log) - 5)
-    return np.asarray(log.tau[max(i, 0) : i + 5].mean(axis=0))

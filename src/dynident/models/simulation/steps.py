@@ -83,8 +83,8 @@ class OneJoint:
         q, dq = np.full((2, len(self.h) + 1, 1, 1), np.inf)
         for out, which in ((q, 0), (dq, 1)):
             out[: len(self.states), 0, 0] = [state[which] for state in self.states]
-        states = np.reshape(self.remembered, (len(self.applied), -1)) if self.m else np.zeros((len(self.applied), 0))
-        return Trace(self.steps, np.array(self.begins), q, dq, np.reshape(self.applied, (-1, 1, 1)), states)
+        memory = np.reshape(self.remembered, (len(self.applied), -1)) if self.m else np.zeros((len(self.applied), 0))
+        return Trace(self.steps, np.array(self.begins), q, dq, np.reshape(self.applied, (-1, 1, 1)), memory)
 
     def _is_over(self, s: int, state: _State) -> bool:
         """Whether the run ends before step s: after the last one, or at a sample that is too far away."""

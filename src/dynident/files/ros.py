@@ -254,7 +254,10 @@ def _read_groups(path: Path) -> tuple[list[_MessageGroup], list[str]]:
         connections = _joint_state_connections(path, reader)
         for connection, received, data in reader.messages(connections=connections):
             message = decode(data, _JOINT_STATE)
-            if not _is_complete(message):
+            count = len(message.name)
+            # each joint is named once, and each list of values is empty or as long as the names
+            sizes = {len(getattr(message, name)) for name in _QUANTITIES}
+            if not len(set(message.name)) == count > 0 or not sizes <= {0, count}:
                 inconsistent[connection.topic] = inconsistent.get(connection.topic, 0) + 1
                 continue
             key = connection.topic, frozenset(message.name)
@@ -298,14 +301,6 @@ def _make_reader(path: Path) -> tuple[Any, Callable[[bytes, str], Any]]:
     if path.suffix.lower() == ".bag" and not path.is_dir():
         return Reader1(path), get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
     return Reader2(path), get_typestore(Stores.LATEST).deserialize_cdr
-
-
-def _is_complete(message: Any) -> bool:
-    """Return whether each joint is named once, and each list of values is empty or as long as the names."""
-    count = len(message.name)
-    return len(set(message.name)) == count > 0 and all(
-        len(getattr(message, name)) in (0, count) for name in _QUANTITIES
-    )
 
 
 def _sort_messages(group: _MessageGroup) -> _SortedMessages:

@@ -340,18 +340,14 @@ def repair_log(log: Log, *, torque: bool) -> Log:
         q = np.stack(list(columns), axis=1)
     # next to a frozen stretch the derivatives are those of the bridge; next to a spike they are not
     stuck: Mask = np.asarray(marks.position_frozen & wrong)
-    lost_rows = np.asarray(_widen(stuck) | wrong).any(axis=1, keepdims=True)
+    if stuck.any():
+        from scipy.ndimage import binary_dilation  # seldom needed
+
+        stuck = binary_dilation(stuck, np.ones((2 * FROZEN_MARGIN + 1, 1)))
+    lost_rows = np.asarray(stuck | wrong).any(axis=1, keepdims=True)
     left_out = lost_rows | (marks.torques & torque)
     keep = ~left_out if log.keep is None else ~left_out & log.keep
     return replace(log, q=q, keep=keep) if left_out.any() else log
-
-
-def _widen(mask: Mask) -> Mask:
-    if not mask.any():
-        return mask
-    from scipy.ndimage import binary_dilation  # seldom needed
-
-    return np.asarray(binary_dilation(mask, np.ones((2 * FROZEN_MARGIN + 1, 1))))
 
 
 def smooth_log(smoother: Smoother, log: Log, *, judge_only: bool = False) -> Motion:

@@ -139,7 +139,7 @@ def test_all_that_simulate_begin_there_and_say_so(estimator: Estimator) -> None:
 
 PENDULUM = pendulum()
 TRUTH = np.array(PENDULUM.values)
-T = np.arange(2001) * 0.005
+T = np.arange(1001) * 0.005
 
 
 def noisy_swing(sigma: float) -> Problem:
@@ -180,7 +180,7 @@ START = 0.25  # s: the transient before is not used
 
 @pytest.fixture(scope="module")
 def swing() -> Recording:
-    t = np.arange(1501) * 0.004
+    t = np.arange(751) * 0.004
     motion = simulate(PENDULUM, PENDULUM.values, lambda s: np.array([0.6 * np.sin(2 * s)]), t)
     return record(motion, SIGMA, 0.01, np.random.default_rng(0))
 

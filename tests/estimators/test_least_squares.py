@@ -115,16 +115,6 @@ def test_no_column_has_an_effect() -> None:
     assert fit.rss == pytest.approx(np.sum(data()[1] ** 2))
 
 
-def test_solution_residual_and_condition_by_hand() -> None:
-    """y = 1, 2, 6 over a constant and over x = -1, 0, 1: mean 3, slope 5/2, residuals 1/2, -1, 1/2."""
-    fit = fitted(np.array([[1.0, -1], [1, 0], [1, 1]]), np.array([1.0, 2, 6]))
-    np.testing.assert_allclose(fit.value, [3, 2.5], rtol=1e-14)
-    np.testing.assert_allclose(fit.directions.inverse, [[1 / 3, 0], [0, 1 / 2]], atol=1e-15)
-    assert (fit.directions.rank, fit.directions.groups) == (2, ())
-    assert fit.rss == pytest.approx(1.5, rel=1e-14)
-    assert fit.directions.condition == pytest.approx(1.0)
-
-
 def test_condition_too_large_for_a_float_is_infinite() -> None:
     fit = solve_least_squares(np.array([[1.0, 1.0, 1.0], [0.0, 1e-310, 0.0], [0.0, 0.0, 0.0]]))
     assert (fit.directions.condition, fit.directions.groups) == (np.inf, ((0, 1),))
@@ -194,7 +184,7 @@ def test_estimate_says_which_parameters_cannot_be_distinguished() -> None:
 
 def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
     """95 % intervals and the ellipsoid of all parameters, over many noises of the same motion."""
-    model, runs, sigma = two_link_arm(), 500, 0.2
+    model, runs, sigma = two_link_arm(), 250, 0.2
     assert model.values is not None
     rng = np.random.default_rng(5)
     p, freedom = len(model.names), 200 - 7

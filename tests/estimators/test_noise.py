@@ -63,6 +63,8 @@ def test_a_correlation_that_is_chance_is_none() -> None:
     few = np.array([[1.0, 0.3], [0.3, 1.0]])
     np.testing.assert_array_equal(shrink_correlation(few, np.full((2, 2), 10.0)), np.eye(2))
     np.testing.assert_allclose(shrink_correlation(few, np.full((2, 2), 1e5)), few, atol=1e-3)
+    by_chance = 0.91**2 / 100 / 0.09  # the variance of a correlation, by its square
+    assert shrink_correlation(few, np.full((2, 2), 100.0))[0, 1] == pytest.approx(0.3 * (1 - by_chance))
     np.testing.assert_array_equal(shrink_correlation(np.eye(1), np.ones((1, 1))), np.eye(1))
     np.testing.assert_array_equal(shrink_correlation(np.eye(2), np.zeros((2, 2))), np.eye(2))
 

@@ -58,11 +58,11 @@ def test_a_mesh_is_read_in_each_format(name, make, tmp_path) -> None:
 
 # what takes most memory for its length
 DENSE = {
-    "binary.stl": b"\0" * 80 + (20_000).to_bytes(4, "little") + np.random.default_rng(0).bytes(20_000 * 50),
-    "text.stl": b"solid\n" + b"facet\nvertex 0 0 1\nvertex 1 0 0\nvertex 0 1 0\n" * 20_000,
-    "corners.obj": b"v 1 2 3\n" * 50_000 + b"f 1 2 3\n",
-    "faces.obj": b"v 0 0 1\nv 1 0 0\nv 0 1 0\n" + b"f 1 2 3\n" * 50_000,
-    "fan.obj": b"v 0 0 1\nv 1 0 0\nv 0 1 0\nf " + b"1 2 " * 50_000,
+    "binary.stl": b"\0" * 80 + (5000).to_bytes(4, "little") + np.random.default_rng(0).bytes(5000 * 50),
+    "text.stl": b"solid\n" + b"facet\nvertex 0 0 1\nvertex 1 0 0\nvertex 0 1 0\n" * 5000,
+    "corners.obj": b"v 1 2 3\n" * 10_000 + b"f 1 2 3\n",
+    "faces.obj": b"v 0 0 1\nv 1 0 0\nv 0 1 0\n" + b"f 1 2 3\n" * 10_000,
+    "fan.obj": b"v 0 0 1\nv 1 0 0\nv 0 1 0\nf " + b"1 2 " * 10_000,
 }
 
 

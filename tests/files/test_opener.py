@@ -76,7 +76,8 @@ def test_files_are_opened_in_one_place() -> None:
     root = Path(dy.__file__).parent
     found = set()
     for path in root.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        text = path.read_text(encoding="utf-8")
+        for node in ast.walk(ast.parse(text)) if any(f"{name}(" in text for name in OPENING) else ():
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") != "read_text":  # that of the opener
                 name = getattr(node.func, "attr", getattr(node.func, "id", ""))
                 found |= {(path.relative_to(root).as_posix(), name)} if name in OPENING else set()

@@ -21,7 +21,6 @@ from dynident.identification.terms import candidates
 from dynident.regression import GroupKind, UnexcitedParameters
 from dynident.validation.residuals import SmoothedAway
 from tests.checks.test_sentences import NOTES as CHECK_NOTES
-from tests.estimators.test_settings import INSTRUMENTS
 from tests.estimators.test_settings import NOTES as ESTIMATOR_NOTES
 from tests.identification.test_sentences import CHOICES, REASONS, STEPS
 from tests.kept import check_kept
@@ -81,7 +80,7 @@ EVENTS = (
 MAX_SWEPT = 2  # notes of a class whose fields are changed; of others only the sentence is compared
 GROUPS = {
     "checks": CHECK_NOTES,
-    "estimators": (*ESTIMATOR_NOTES, *(note for note, _ in INSTRUMENTS)),
+    "estimators": ESTIMATOR_NOTES,
     "identification": (*CHOICES, *REASONS, *STEPS),
     "others": (*OTHERS, *(fact for fact, _ in SENTENCES)),
     "events": EVENTS,

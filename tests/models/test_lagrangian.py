@@ -1,7 +1,5 @@
 """Lumping of symbolic energies into the article's parameters."""
 
-import pickle
-
 import numpy as np
 import pytest
 import sympy as sp
@@ -159,18 +157,6 @@ def test_units_multiply(units, product):
 def test_unreadable_unit(unit):
     with pytest.raises(ModelError, match="unknown m: cannot read the unit"):
         Unknown(m, unit)
-
-
-def test_pickled_copy_computes_the_same():
-    """Also after the functions were compiled, which cannot be pickled themselves."""
-    arm = article_arm()
-    states, theta = np.random.default_rng(2).normal(size=(3, 4, 2)), np.arange(1.0, 6.0)
-    Y, slopes, mass = arm.regressor(*states), arm.partials(*states, theta), arm.mass_and_bias(*states[:2], theta)[0]
-    copy = pickle.loads(pickle.dumps(arm))
-    np.testing.assert_array_equal(copy.regressor(*states), Y)
-    np.testing.assert_array_equal(copy.partials(*states, theta).q, slopes.q)
-    np.testing.assert_array_equal(copy.mass_and_bias(*states[:2], theta)[0], mass)
-    assert copy.parameters == arm.parameters
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,9 @@ from dynident.apps.demo.arm import true_model
 from dynident.models import CoupledMotor, Joint, Model, RotorInertia
 from dynident.models.friction import Coulomb, Offset, Ripple, Viscous
 from dynident.models.lagrangian import MODELS
+from dynident.motion.log import Motion
 from dynident.regression import GroupKind, groups_of, independent_columns, kinds_of, structural_base_parameters
+from dynident.regression.groups import repeated_rows
 
 
 def test_each_joint_has_its_groups_and_the_last_body_a_payload() -> None:
@@ -72,3 +74,13 @@ def test_columns_count_that_are_independent_of_those_before() -> None:
     one, other = np.array([1.0, 2.0, 0.0]), np.array([0.0, 1.0, 1e-3])
     columns = np.stack([one, 3 * one, 0 * one, other, one - 2 * other, one + 1e-9 * np.eye(3)[2]], axis=1)
     assert independent_columns(columns) == [0, 3]
+
+
+def test_a_tenth_of_a_motion_is_passed_again() -> None:
+    t = np.arange(2000) * 0.01
+    q = np.column_stack([np.sin(t), np.sin(1.7 * t)])
+    first, second = (Motion(t, q, 0 * q, 0 * q, 0 * q, ("a", "b"), np.arange(2000) < n) for n in (2000, 210))
+    pairs = repeated_rows(first, second)
+    assert pairs is not None
+    assert np.array_equal(pairs, [np.arange(210)] * 2)
+    assert repeated_rows(first, Motion(t, q, 0 * q, 0 * q, 0 * q, ("a", "b"), np.arange(2000) < 190)) is None

@@ -39,12 +39,12 @@ def fit(one: Regression) -> np.ndarray:
 
 @pytest.mark.parametrize("rho", [0.9, 0.995])
 def test_intervals_hold_what_they_say(rho: float) -> None:
-    """Of 200 x 4 intervals of 95 %, 91 to 99 % hold; five deviations of a binomial of 400 are 0.054.
+    """Of 140 x 4 intervals of 95 %, 91 to 99 % hold; four deviations of a binomial of 280 are 0.052.
 
     At 0.995 a log of 20 s has about five independent samples, and those of Newey and West hold below 80 %.
     """
     held, longrun = [], []
-    for seed in range(200):
+    for seed in range(140):
         one = regression(seed, rho)
         value = fit(one)
         error = np.abs(value - TRUTH)

@@ -40,13 +40,13 @@ def fit(regression: Regression) -> np.ndarray:
 
 
 def test_intervals_hold_what_they_promise_on_correlated_residuals() -> None:
-    """Of 300 x 4 intervals of 95 %, at least 85 % hold the truth, where independent errors would give below 60 %.
+    """Of 200 x 4 intervals of 95 %, at least 85 % hold the truth, where independent errors would give below 60 %.
 
     With this bandwidth the intervals are known to hold a few percent less than they say (Andrews, 1991, table 3).
-    Four standard deviations of a binomial of 300 around 0.91 are 0.066.
+    Three standard deviations of a binomial of 200 around 0.91 are 0.061.
     """
     truth, held, naive = np.array([2.0, 3.0, 1.0, -1.0]), [], []
-    for seed in range(300):
+    for seed in range(200):
         regression = Regression(MODEL, (motion(seed, 0.9),))
         theta = fit(regression)
         std = np.sqrt(np.diag(robust_covariance(regression, theta)))
@@ -167,7 +167,7 @@ def test_they_are_the_sandwich_of_the_scores() -> None:
 
 def test_intervals_hold_where_residuals_are_correlated_within_parts() -> None:
     truth, inside, plain = np.array([2.0, 3.0, 1.0, -1.0]), [], []
-    for seed in range(60):
+    for seed in range(40):
         regression = Regression(MODEL, (motion(seed, 0.9, 4000),))
         theta, factors = fit(regression), factors_of_parts(regression, divide_regression(regression, 100))
         off = np.abs(theta - truth)

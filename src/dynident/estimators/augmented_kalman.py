@@ -36,8 +36,6 @@ from dynident.runtime import (
     Noun,
     Step,
     report_progress,
-    settings_repr,
-    settings_text,
 )
 
 Array = NDArray[np.float64]
@@ -96,7 +94,7 @@ class AugmentedKalman(Estimator):
     passes: Annotated[int, Ge(1), Le(20)] = 4
 
     needs_samples: ClassVar[bool] = True
-    __repr__ = settings_repr
+    title = "extended Kalman filter of motion and parameters"
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate, with notes on what was averaged and smoothed.
@@ -153,9 +151,6 @@ class AugmentedKalman(Estimator):
         """Return least squares: a filter takes too long for a search."""
         return LeastSquares()
 
-    def __str__(self) -> str:
-        return settings_text("extended Kalman filter of motion and parameters", self)
-
 
 class _KalmanRun(Noun):
     """One estimation: the pieces, the smooth model with the estimated directions, and the notes.
@@ -205,7 +200,8 @@ class _KalmanRun(Noun):
         # raises here, and not within the filter, where the start has no positive definite mass matrix
         _ = _is_mobile(dynamics, series, start.value)
         # the torque noise moves the joints within a step: positions must not count as more exact than that
-        min_sigma = MIN_POSITION_NOISE * step**2 / 2 * _mobility(dynamics, series) @ series.noise.mean(axis=(0, 1))
+        mobility = np.abs(np.linalg.inv(_mass_matrices(dynamics, series, dynamics.theta))).mean(axis=0)
+        min_sigma = MIN_POSITION_NOISE * step**2 / 2 * mobility @ series.noise.mean(axis=(0, 1))
         series = replace(series, sigma=np.maximum(series.sigma, min_sigma))
         uncertain_share = (np.concatenate(uncertain) > sigma).mean(axis=0).max()  # of the samples, in the sign
         notes = (SmoothSigns(widths),) if widths and uncertain_share > MAX_UNCERTAIN_SHARE else ()
@@ -299,11 +295,6 @@ def _is_mobile(dynamics: Dynamics, series: FilterSeries, theta: Array) -> bool:
         float(np.linalg.eigvalsh(inverse_root @ proposed @ np.swapaxes(inverse_root, 1, 2))[:, 0].min())
         > MIN_MASS_SHARE
     )
-
-
-def _mobility(dynamics: Dynamics, series: FilterSeries) -> Array:
-    """Return the mean magnitude (n, n) of the entries of the inverse mass matrix."""
-    return np.asarray(np.abs(np.linalg.inv(_mass_matrices(dynamics, series, dynamics.theta))).mean(axis=0))
 
 
 def _combine_pieces(a: Array, S: Array, scatter: float) -> tuple[Array, Array]:

@@ -6,7 +6,6 @@ can make a prediction diverge; the stiff part is integrated by the exact matrix 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -30,8 +29,7 @@ MIN_PIECE_STEPS = 12  # steps of one
 UNUSED_NOISE = 100.0  # times the noise, of a torque that is not to be fitted
 
 
-@dataclass(frozen=True, eq=False)
-class FilterStep:
+class FilterStep(Noun):
     """The input of B steps of length ``step`` (B) in s: the mean smoothed ``motion`` (3, B, n), the mean torque
     ``residual`` (B, n) that the parameters leave unexplained, and its standard deviation ``noise`` (B, n)."""
 

@@ -6,7 +6,7 @@ Boyd and Vandenberghe (2004), "Convex optimization", chapters 9 to 11.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from dynident.estimators.physical_constraints import PsdConstraint
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -27,8 +28,7 @@ INITIAL_WEIGHT_SHARE = 0.1  # of the expected fall for each constraint: weight a
 MIN_STEP_SHARE = 1e-6  # share of a step below which the line search stops
 
 
-@dataclass(frozen=True, eq=False)
-class Matrices:
+class Matrices(Noun):
     """Matrices of one size, each on as many components of x: ``columns`` (K, c), ``slopes`` (K, c, s, s).
 
     ``offset`` (K, s, s) are the matrices at zero, ``share`` (K) is the weight of each in the barrier.
@@ -96,16 +96,7 @@ def solver(H: Array) -> Callable[[Array], Array]:
     return lambda g: np.asarray(scale * cho_solve(factor, g * scale, check_finite=False))
 
 
-def _dependent_columns(constraint: PsdConstraint) -> Index:
-    """Return the components of x that a constraint depends on, or all of them where most matter."""
-    columns = np.flatnonzero(np.abs(constraint.slopes).sum(axis=(0, 1, 2)))
-    size = constraint.slopes.shape[-1]
-    # constraints on most components share all columns, so that they can be stacked into one product
-    return columns if 2 * len(columns) < size else np.arange(size)
-
-
-@dataclass(frozen=True, eq=False)
-class Barrier:
+class Barrier(Noun):
     """``weight`` times the sum of -log det, or of log-det divergences, of the matrices (mean over the K)."""
 
     psd_constraints: tuple[PsdConstraint, ...] = ()
@@ -116,7 +107,10 @@ class Barrier:
         """The matrices, stacked where they are of one size and depend on as many components of x."""
         groups: dict[tuple[int, int], tuple[list[Index], list[PsdConstraint]]] = {}
         for constraint in self.psd_constraints:
-            columns = _dependent_columns(constraint)
+            columns = np.flatnonzero(np.abs(constraint.slopes).sum(axis=(0, 1, 2)))
+            size = constraint.slopes.shape[-1]
+            # constraints on most components share all columns, so that they can be stacked into one product
+            columns = columns if 2 * len(columns) < size else np.arange(size)
             group = groups.setdefault((constraint.slopes.shape[1], len(columns)), ([], []))
             group[0].append(columns)
             group[1].append(constraint)
@@ -196,8 +190,7 @@ class Barrier:
         return penalised.minimise(x, tolerance)[0]
 
 
-@dataclass(frozen=True, eq=False)
-class PenalisedQuadratic:
+class PenalisedQuadratic(Noun):
     """The function x' H x / 2 - g' x plus ``barriers``, each with its weight."""
 
     H: Array

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.estimators.physical_constraints import Constraints, Limit, PsdConstraint
-from dynident.runtime import ConfigError, ModelError
+from dynident.runtime import ConfigError, ModelError, Noun
 
 Array = NDArray[np.float64]
 MAX_OPTIMALITY_ERROR = 1e-5
 
 
-@dataclass(frozen=True, eq=False)
-class Optimum:
+class Optimum(Noun):
     """A solved program: the ``point`` (v) and the solver's own ``status``.
 
     ``stationarity`` and ``gap`` are the errors of the optimality conditions, relative to the size of their terms.

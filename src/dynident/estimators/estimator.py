@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from enum import StrEnum
 from typing import Annotated, Any, ClassVar, Self
 
@@ -26,6 +26,8 @@ from dynident.runtime import (
     check_settings,
     choices,
     join_names,
+    settings_repr,
+    settings_text,
 )
 
 Array = NDArray[np.float64]
@@ -155,8 +157,7 @@ class Consistency(Noun):
     unconstrained: Annotated[Array, Axes("p")] | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
+class Estimate(Noun):
     """Parameters with their uncertainty.
 
     ``value`` (p) of the model's ``parameters``, in their units; ``covariance`` (p, p), with infinite variance
@@ -228,9 +229,15 @@ class Estimator(Part, ABC):
 
     All but the call has a default, which an estimator overrides where it differs. Settings outside the limits of their
     types raise ConfigError. Those ``by_parameter`` are values by parameter name, or a text; they are kept as pairs.
+    As text it is its ``title``, or the name of its class, with the settings that differ from their defaults.
     """
 
     by_parameter: ClassVar[tuple[str, ...]] = ()
+    title: ClassVar[str] = ""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        cls.__repr__ = settings_repr  # type: ignore[method-assign]  # dataclass would make another
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -254,6 +261,9 @@ class Estimator(Part, ABC):
     def named(self) -> tuple[str, ...]:
         """The parameters that the settings name."""
         return tuple(dict.fromkeys(name for setting in self.by_parameter for name in self.values_of(setting)))
+
+    def __str__(self) -> str:
+        return settings_text(self.title or type(self).__name__, self)
 
     def among(self, names: Collection[str]) -> Self:
         """Return the estimator without its settings for parameters other than ``names``."""

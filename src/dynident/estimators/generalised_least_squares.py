@@ -28,7 +28,7 @@ from dynident.estimators.least_squares import (
 from dynident.estimators.noise import HausmanTest, Residuals, ResidualSeries
 from dynident.estimators.notes import NotConverged, StillColoured, WhiteningCostly
 from dynident.regression import Rank, TriangularFactors
-from dynident.runtime import ConfigError, Note, Step, report_progress, settings_repr, settings_text
+from dynident.runtime import ConfigError, Note, Step, report_progress
 
 Array = NDArray[np.float64]
 MAX_ORDER = 200  # order
@@ -72,14 +72,11 @@ class GeneralisedLeastSquares(SampledEstimator):
     max_order: Annotated[int, Ge(1), Le(MAX_ORDER)] = 20
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 10
 
-    __repr__ = settings_repr
+    title = "generalised least squares, with autoregressive noise"
 
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the whitened rows; notes tell where the residual is more than noise."""
         return fit_whitened(problem, self.max_order, self.iterations)
-
-    def __str__(self) -> str:
-        return settings_text("generalised least squares, with autoregressive noise", self)
 
 
 @dataclass(frozen=True)
@@ -104,7 +101,7 @@ class WeightedLeastSquares(SampledEstimator):
 
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 10
 
-    __repr__ = settings_repr
+    title = "least squares, weighted by the noise of all joints"
 
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the rows, mixed so that their noise is independent.
@@ -112,9 +109,6 @@ class WeightedLeastSquares(SampledEstimator):
         A note tells where that leaves much more of the torque than least squares.
         """
         return fit_whitened(problem, 0, self.iterations)
-
-    def __str__(self) -> str:
-        return settings_text("least squares, weighted by the noise of all joints", self)
 
 
 def fit_whitened(problem: Problem, max_order: int, iterations: int) -> LinearFit:

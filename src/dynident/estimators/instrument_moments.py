@@ -131,12 +131,8 @@ def moments_of(rows: Regression, instruments: Regression, plain: LinearFit) -> M
     basis = rank.determined_directions / rank.values[: rank.rank]
     n, r = len(weights), basis.shape[1]
     cross_product, instrument_square, regressors = (np.zeros((n, r, r)) for _ in range(3))
-    instrument_torque, regressor_torque, torque_square, count = (
-        np.zeros((n, r)),
-        np.zeros((n, r)),
-        np.zeros(n),
-        np.zeros(n, dtype=int),
-    )
+    instrument_torque, regressor_torque = np.zeros((n, r)), np.zeros((n, r))
+    torque_square, count = np.zeros(n), np.zeros(n, dtype=int)
     for block in moment_blocks(rows, instruments, basis):
         for j in range(n):
             x, w, y = block.X[:, j], block.W[:, j], block.y[:, j]
@@ -152,17 +148,8 @@ def moments_of(rows: Regression, instruments: Regression, plain: LinearFit) -> M
             f"{', '.join(motion.source for motion in rows.motions)}: {count.max()} samples have instruments, too few "
             f"for {r} parameters; record longer or, where these are lagged, smooth less or give a shorter `lag`."
         )
-    return Moments(
-        basis,
-        weights,
-        cross_product,
-        instrument_square,
-        regressors,
-        instrument_torque,
-        regressor_torque,
-        torque_square,
-        count,
-    )
+    products = cross_product, instrument_square, regressors, instrument_torque, regressor_torque, torque_square
+    return Moments(basis, weights, *products, count)
 
 
 class MomentBlock(Noun):
@@ -197,9 +184,7 @@ def regularised_cholesky(matrix: Array) -> Array:
     )
 
 
-BANDWIDTH_SHARE = (
-    0.02  # of a recording: errors of accelerations cancel only over times that are longer than they correlate
-)
+BANDWIDTH_SHARE = 0.02  # of a recording: errors of accelerations cancel only over longer times than they correlate
 COVARIANCE_FLOOR = 1e-6  # of the covariance for white residuals: what is below is no estimate
 ScoreSeries = tuple[NDArray[np.intp], Array]  # samples, and the scores there
 
@@ -247,10 +232,11 @@ def _recording_scores(
     instruments: Sequence[Instruments],
 ) -> Iterator[Callable[[], Iterator[Array]]]:
     """Yield for each recording a function that gives its scores, in blocks (B, r)."""
-    score_functions = [
-        partial(_sample_scores, moments, beta, root, *(_select_recording(source, k) for source in regressions))
+    recordings = [
+        [replace(x, motions=x.motions[k : k + 1], weights=x.weights[k : k + 1]) for x in regressions]
         for k in range(len(instruments))
     ]
+    score_functions = [partial(_sample_scores, moments, beta, root, *recording) for recording in recordings]
     joined_scores = {
         k: _join_scores(score_functions[k](), beta)
         for k, source in enumerate(instruments)
@@ -308,7 +294,3 @@ def _add_partner_scores(
         is_mutual &= at < partner_at[j]
     u[is_mutual] += v[j[is_mutual]]
     v[j[is_mutual]] = 0.0
-
-
-def _select_recording(regression: Regression, k: int) -> Regression:
-    return replace(regression, motions=regression.motions[k : k + 1], weights=regression.weights[k : k + 1])

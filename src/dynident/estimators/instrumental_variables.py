@@ -39,12 +39,11 @@ from dynident.estimators.simulated_recordings import (
     log_of,
     no_controller_error,
     not_simulated_error,
-    reason_of,
 )
 from dynident.models.simulation import Failure
 from dynident.motion.log import Motion
 from dynident.regression import Regression
-from dynident.runtime import MissingInputError, Note, Step, report_progress, settings_repr, settings_text
+from dynident.runtime import MissingInputError, Note, Step, report_progress
 
 Array = NDArray[np.float64]
 InstrumentSource = Literal["auto", "simulated", "repeated", "lagged"]
@@ -93,7 +92,7 @@ class InstrumentalRun:
             report_progress(Step("simulating instruments", iteration, self.settings.iterations))
             simulations = self.simulate_instruments(value, loops)
             if isinstance(simulations, Failure):
-                self.notes.append(MotionMovesOn(iteration, step_size, reason_of(simulations)))
+                self.notes.append(MotionMovesOn(iteration, step_size, str(simulations)))
                 break
             instruments = [simulations.get(k, instrument) for k, instrument in enumerate(instruments)]
         return self.finish_fit(instruments, (rows, instrument_rows), moments)
@@ -148,7 +147,7 @@ class InstrumentalRun:
         if self.source == "simulated":
             others = "instruments `repeated` or `lagged`"
             raise not_simulated_error(self.problem.motions[loops[0] : loops[0] + 1], alternative, others)
-        self.notes.append(NotSimulated(reason_of(alternative)))
+        self.notes.append(NotSimulated(str(alternative)))
         return {k: self.measured_instruments(k) for k in loops}
 
     def simulate_instruments(self, theta: Array, loops: Sequence[int]) -> dict[int, Instruments] | Failure:
@@ -243,12 +242,9 @@ class InstrumentalVariables(SampledEstimator):
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 10
     lag: Annotated[float, Gt(0), Le(MAX_LAG)] | None = None
 
-    __repr__ = settings_repr
+    title = "instrumental variables"
 
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the value with its information, as rows to which constraints can be added."""
         plain = rows_by_joint(problem)
         return InstrumentalRun(self, problem, plain).fit() if plain.directions.rank else plain
-
-    def __str__(self) -> str:
-        return settings_text("instrumental variables", self)

@@ -121,10 +121,9 @@ def pair_rows(problem: Problem, instruments: Sequence[Instruments]) -> tuple[Reg
         instrument_rows.append(replace(instrument.motion, mask=mask, keep=keep))
     # slow samples are left out by the masks above, alike in both
     selection = Selection(regression.filter)
-    regressions = (
+    row_regression, instrument_regression = (
         replace(regression, motions=tuple(motions), selection=selection) for motions in (rows, instrument_rows)
     )
-    row_regression, instrument_regression = regressions
     return row_regression, instrument_regression
 
 
@@ -182,7 +181,12 @@ def repeated_instruments(problem: Problem, k: int) -> Instruments | None:
 
 def _pass_instruments(motion: Motion, other_motion: Motion, m: int) -> Instruments | None:
     pairs = repeated_rows(motion, other_motion)
-    if pairs is None or _is_copy(motion, other_motion, *pairs):
+    if pairs is None:
+        return None
+    # measured positions of a moving joint never agree exactly: what does is a copy
+    span = np.ptp(motion.q, axis=0)
+    is_equal = np.abs(motion.q[pairs[0]] - other_motion.q[pairs[1]]) <= MAX_COPY_DISTANCE * span
+    if is_equal[:, span > 0].all(axis=1).mean() > MAX_COPIED_SHARE:
         return None
     partner = np.full(len(motion), -1, dtype=np.intp)
     if other_motion is motion:  # what is passed again is a pass of what passes it
@@ -195,13 +199,6 @@ def _pass_instruments(motion: Motion, other_motion: Motion, m: int) -> Instrumen
         motion, q=other_motion.q[at], dq=other_motion.dq[at], ddq=other_motion.ddq[at], mask=mask, memory=memory
     )
     return Instruments(partner_states, InstrumentKind.REPEATED, None, m, partner)
-
-
-def _is_copy(motion: Motion, other_motion: Motion, rows: RowIndices, other_rows: RowIndices) -> bool:
-    """Return whether samples of two motions are identical; measured positions of a moving joint never agree exactly."""
-    span = np.ptp(motion.q, axis=0)
-    is_equal = np.abs(motion.q[rows] - other_motion.q[other_rows]) <= MAX_COPY_DISTANCE * span
-    return bool(is_equal[:, span > 0].all(axis=1).mean() > MAX_COPIED_SHARE)
 
 
 MIN_LAG_SAMPLES = 3  # samples: central differences so far apart share none
@@ -266,7 +263,10 @@ def cutoff_frequency(before: Array, after: Array) -> float:
     # differences are nearly white, so that the large power at low frequencies does not leak into the others
     lowest, window = 1.0, np.hanning(length)
     for columns in zip(before.T, after.T, strict=True):
-        spectrum_before, spectrum_after = (_stretch_spectra(np.diff(x, DIFFERENCE_ORDER), window) for x in columns)
+        differences = (np.diff(x, DIFFERENCE_ORDER) for x in columns)
+        # of overlapping stretches
+        parts = (np.lib.stride_tricks.sliding_window_view(x, length)[:: length // 2] for x in differences)
+        spectrum_before, spectrum_after = (np.fft.rfft(part * window) for part in parts)
         power = np.square(np.abs(spectrum_before)).mean(axis=0)
         significant = power > MIN_RELATIVE_POWER * power.max()
         gain = np.abs((spectrum_before.conj() * spectrum_after).mean(axis=0)) / np.where(significant, power, np.inf)
@@ -276,12 +276,6 @@ def cutoff_frequency(before: Array, after: Array) -> float:
             attenuated = np.flatnonzero(significant & (gain < 0.5)).min(initial=end)
             lowest = min(lowest, max(int(attenuated), 1) / (len(gain) - 1))
     return lowest
-
-
-def _stretch_spectra(x: Array, window: Array) -> Array:
-    """Return the Fourier transforms (k, m) of overlapping stretches of x (N) under a window."""
-    parts = np.lib.stride_tricks.sliding_window_view(x, len(window))[:: len(window) // 2]
-    return np.asarray(np.fft.rfft(parts * window))
 
 
 def _is_usable(motion: Motion, offset: float) -> NDArray[np.bool_]:

@@ -18,7 +18,7 @@ from dynident.estimators.estimator import DataRank, Estimate, Estimator, Problem
 from dynident.estimators.notes import RankDeficient
 from dynident.models import Parameter
 from dynident.regression import Rank, TriangularFactors, Whitening, rank_of
-from dynident.runtime import Note, Noun, settings_repr, settings_text
+from dynident.runtime import Note, Noun, settings_text
 
 Array = NDArray[np.float64]
 Weights = Literal["equal", "per_joint"]
@@ -249,8 +249,6 @@ class LeastSquares(LinearEstimator):
     tolerance: Annotated[float, Gt(0), Le(MAX_RANK_TOLERANCE)] | None = None
     weights: Weights = "equal"
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 3
-
-    __repr__ = settings_repr
 
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the rows with the weights of their joints."""

@@ -23,12 +23,11 @@ from dynident.estimators.least_squares import (
 from dynident.estimators.output_error_descent import Descent
 from dynident.estimators.simulated_recordings import (
     Shots,
-    closed_shots,
     controller_of,
     log_of,
+    loop_shots,
     no_controller_error,
     open_shots,
-    torque_shots,
 )
 from dynident.runtime import (
     MEMORY_VARIABLE,
@@ -36,7 +35,6 @@ from dynident.runtime import (
     MissingInputError,
     format_bytes,
     memory_budget,
-    settings_repr,
     settings_text,
 )
 
@@ -139,7 +137,7 @@ class Didim(SimulatingEstimator):
 
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 30
 
-    __repr__ = settings_repr
+    title = "DIDIM, the torque of the simulated loop"
 
     def shots(self, problem: Problem) -> Iterator[Shots]:
         """Yield the recordings in their loops, with the torque as output."""
@@ -147,10 +145,7 @@ class Didim(SimulatingEstimator):
             controller = controller_of(problem, k)
             if controller is None:
                 raise no_controller_error(motion, "the closed loop is", "use an estimator that simulates nothing")
-            yield torque_shots(problem, k, controller)
-
-    def __str__(self) -> str:
-        return settings_text("DIDIM, the torque of the simulated loop", self)
+            yield loop_shots(problem, k, controller, "tau")
 
 
 LoopMode = Literal["auto", "closed", "open"]
@@ -202,8 +197,6 @@ class OutputError(SimulatingEstimator):
     segment: Annotated[float, Gt(0), Le(MAX_SEGMENT)] | None = None
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 30
 
-    __repr__ = settings_repr
-
     def shots(self, problem: Problem) -> Iterator[Shots]:
         """Yield the recordings in their loops, or their segments, with the positions as output."""
         controllers = [controller_of(problem, k) for k in range(len(problem.motions))]
@@ -214,7 +207,7 @@ class OutputError(SimulatingEstimator):
         closed = [] if self.loop == "open" else [entry for entry in controllers if entry is not None]
         for k in range(len(problem.motions)):
             if len(closed) == len(problem.motions):
-                yield closed_shots(problem, k, closed[k])
+                yield loop_shots(problem, k, closed[k])
             else:
                 yield from self._open_segments(problem, k)
 

@@ -194,7 +194,8 @@ def _jackknife_covariance(profiled_rows: Sequence[tuple[Array, Array]], half: Ar
     """
     total, count = np.zeros_like(half), 0
     for rows, e in profiled_rows:
-        for block in _block_slices(len(rows), max(SCORE_BLOCK // rows.shape[1], 1)):
+        size = max(SCORE_BLOCK // rows.shape[1], 1)  # copies of all derivatives would not fit into memory
+        for block in (slice(start, start + size) for start in range(0, len(rows), size)):
             J = np.linalg.solve(half, rows[block].reshape(-1, len(half)).T).T.reshape(rows[block].shape)
             scores = np.einsum("bkr,bk->br", J, e[block])
             # what the other pieces determine; where one piece alone determines a direction it cannot be left out
@@ -218,14 +219,8 @@ def _long_run_covariance(profiled_rows: Sequence[tuple[Array, Array]], half: Arr
 def _score_blocks(J: Array, e: Array, half: Array, joints: int, size: int) -> Iterator[Array]:
     """Yield J_t' e_t of the samples in units of H, in blocks of ``size``."""
     rows, residuals = J.reshape(-1, joints, J.shape[2]), e.reshape(-1, joints)
-    for block in _block_slices(len(rows), size):
+    for block in (slice(start, start + size) for start in range(0, len(rows), size)):
         yield np.linalg.solve(half, np.einsum("kjr,kj->kr", rows[block], residuals[block]).T).T
-
-
-def _block_slices(count: int, size: int) -> Iterator[slice]:
-    """Yield slices of ``count`` samples, ``size`` each: copies of all derivatives would not fit into memory."""
-    for start in range(0, count, size):
-        yield slice(start, start + size)
 
 
 class DescentResult(Noun):
@@ -256,7 +251,9 @@ class Descent:
 
     def fit(self, start: Array, shots: tuple[Shots, ...]) -> DescentResult:
         """Return the fit that begins with ``start`` (p); raise InputError where the parameters have no effect."""
-        state, damping, decrease = self.first_state(start, shots), INITIAL_DAMPING, 1.0
+        theta, runs, first_model = choose_first_model(self.problem, start, partial(self.simulate, shots), joint_cost)
+        self.notes += [] if first_model is None else [StartedElsewhere(first_model)]
+        state, damping, decrease = _State(theta, shots, runs), INITIAL_DAMPING, 1.0
         # each step is linearised at the last simulation, with the noise of its residuals
         for steps in range(self.iterations + 1):
             report_progress(Step("simulating", steps, self.iterations))
@@ -290,14 +287,6 @@ class Descent:
         is_exact = cost(state.runs, sigma) < 0.5 * sum(stretch.samples for stretch in linear)
         square = float(step @ information @ step) / len(step)
         return information, 0.0 if is_exact else np.sqrt(max(square, 0.0))
-
-    def first_state(self, start: Array, shots: tuple[Shots, ...]) -> _State:
-        """Return the state after the first simulation."""
-        simulate = partial(self.simulate, shots)
-        theta, runs, first_model = choose_first_model(self.problem, start, simulate, joint_cost)
-        if first_model is not None:
-            self.notes.append(StartedElsewhere(first_model))
-        return _State(theta, shots, runs)
 
     def simulate(self, shots: Sequence[Shots], theta: Array) -> tuple[Simulation, ...] | Failure:
         """Return the simulations of all stretches, or the first failure."""

@@ -9,7 +9,7 @@ identification: a statistical perspective on the mass distribution".
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -17,22 +17,18 @@ from numpy.typing import NDArray
 
 from dynident.models import INERTIAL, Model, Parameter, to_pseudo
 from dynident.regression import TriangularFactors
-from dynident.runtime import ConfigError, choices
+from dynident.runtime import ConfigError, Noun, choices
 
 Array = NDArray[np.float64]
 Bounds = tuple[float | None, float | None]
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 INERTIA = "pseudo-inertia"
-NONNEGATIVE_ROLES = {
-    "viscous": "viscous friction",
-    "coulomb": "Coulomb friction",
-    "rotor": "rotor inertia",
-}  # never negative
+# the roles of parameters that are never negative
+NONNEGATIVE_ROLES = {"viscous": "viscous friction", "coulomb": "Coulomb friction", "rotor": "rotor inertia"}
 DEFAULT_MASS, DEFAULT_LENGTH = 1.0, 0.1  # the size (kg, m) of a body whose nominal mass and inertia are not known
 
 
-@dataclass(frozen=True, eq=False)
-class Limit:
+class Limit(Noun):
     """A family of linear limits lower <= rows theta <= upper: ``rows`` (k, p), ``lower`` and ``upper`` (k)."""
 
     family: str
@@ -47,15 +43,12 @@ class Limit:
         return float(np.maximum(self.lower - value, value - self.upper).max(initial=-np.inf))
 
     def scale_rows(self, scale: Array) -> Limit:
-        """Return the same limits with each row divided by the typical size of its largest entry, given ``scale``
-        (p)."""
-        # a power of two changes no digit of the limits
+        """Return the limits, each row divided by its largest entry, in parameters of size ``scale`` (p)."""
         size = np.exp2(np.round(np.log2(np.abs(self.rows * scale).max(axis=1))))  # a power of two changes no digit
         return replace(self, rows=self.rows / size[:, None], lower=self.lower / size, upper=self.upper / size)
 
 
-@dataclass(frozen=True, eq=False)
-class PsdConstraint:
+class PsdConstraint(Noun):
     """Matrices (K, s, s) = ``offset`` + ``slopes`` (K, s, s, v) x that must be positive definite.
 
     x (v) is theta, or coordinates along some directions. ``offset`` (K, s, s) is zero where it is None. ``centre``
@@ -90,8 +83,7 @@ class PsdConstraint:
         return np.asarray(np.trace(products, axis1=-2, axis2=-1).mean(axis=0))
 
 
-@dataclass(frozen=True, eq=False)
-class BodyConstraint:
+class BodyConstraint(Noun):
     """A rigid body: the ``columns`` (10) of its parameters, and ``size`` (4), which scales its pseudo-inertia.
 
     ``size`` is sqrt(mass) (l, l, l, 1) with the usual mass (kg) and length l (m) of the body.
@@ -108,6 +100,10 @@ class BodyConstraint:
         """
         return np.asarray(to_pseudo(theta[self.columns].T) / np.outer(self.size, self.size))
 
+    def min_eigenvalue(self, theta: Array) -> float:
+        """Return the smallest eigenvalue of the scaled pseudo-inertia at theta (p)."""
+        return float(np.linalg.eigvalsh(self.scaled_inertia(theta))[0])
+
     def psd_constraint(self, p: int, margin: float = 0.0) -> PsdConstraint:
         """Return the constraint on theta (p) that the scaled pseudo-inertia's eigenvalues exceed ``margin``."""
         slopes = np.moveaxis(self.scaled_inertia(np.eye(p)), 0, -1)[None]
@@ -115,8 +111,7 @@ class BodyConstraint:
         return PsdConstraint(slopes, offset=-margin * np.eye(4)[None], label=label)
 
 
-@dataclass(frozen=True, eq=False)
-class Constraints:
+class Constraints(Noun):
     """Linear limits, scaled pseudo-inertias whose smallest eigenvalue is at least ``margin``, other ``matrices``."""
 
     limits: tuple[Limit, ...] = ()
@@ -134,15 +129,10 @@ class Constraints:
         limits = tuple(limit for limit in self.limits if limit.family == family)
         return replace(self, limits=limits, bodies=self.bodies if family == INERTIA else (), matrices=())
 
-    def relax_margin(self, share: float) -> Constraints:
-        """Return the constraints with ``share`` of the margin, so that feasible points of these become interior
-        points."""
-        return replace(self, margin=share * self.margin)
-
     def violation(self, theta: Array) -> float:
         """Return the largest violation of the constraints by theta (p); not positive where it satisfies all."""
         lines = [limit.violation(theta) for limit in self.limits]
-        cones = [self.margin - float(np.linalg.eigvalsh(body.scaled_inertia(theta))[0]) for body in self.bodies]
+        cones = [self.margin - body.min_eigenvalue(theta) for body in self.bodies]
         other_matrices = [-float(np.linalg.eigvalsh(constraint.at(theta)).min()) for constraint in self.matrices]
         return max(lines + cones + other_matrices, default=-np.inf)
 
@@ -160,9 +150,8 @@ class Constraints:
             for sign, slack in ((1.0, value - limit.lower), (-1.0, limit.upper - value)):
                 # equalities are left to the caller: a barrier has no interior there
                 finite = np.flatnonzero(np.isfinite(slack) & (limit.lower < limit.upper))
-                shape = (1, 1, 1)
                 scalars += [
-                    PsdConstraint(sign * slope[k].reshape(*shape, -1), None, slack[k].reshape(shape), limit.labels[k])
+                    PsdConstraint(sign * slope[k][None, None, None], None, slack[k].reshape(1, 1, 1), limit.labels[k])
                     for k in finite
                 ]
         return tuple(scalars)
@@ -270,10 +259,8 @@ def centre_of_mass_limit(family: str, bodies: Sequence[BodyConstraint], p: int, 
 
 
 def _bound_arrays(limits: Iterable[Bounds]) -> tuple[Array, Array]:
-    pairs = list(limits)
-    lower = np.array([-np.inf if low is None else low for low, _ in pairs], dtype=float)
-    upper = np.array([np.inf if high is None else high for _, high in pairs], dtype=float)
-    return lower, upper
+    lower, upper = np.array(list(limits), dtype=float).reshape(-1, 2).T  # None becomes nan
+    return np.where(np.isnan(lower), -np.inf, lower), np.where(np.isnan(upper), np.inf, upper)
 
 
 def _limit_label(name: str, lower: float | None, upper: float | None) -> str:
@@ -286,10 +273,8 @@ def _limit_label(name: str, lower: float | None, upper: float | None) -> str:
 MIN_LENGTH_SHARE = 0.1  # of the longest lever arm: the length of a body whose joints meet in a point
 MIN_MASS_SHARE = 1e-3  # of the heaviest body
 ROUNDING = 1e-9  # of the largest column: rounding
-PLAUSIBLE_MASS_RATIO = (
-    1e-3,
-    30.0,
-)  # nominal mass over that from the torques, where it is right: wrists move friction, not mass
+# nominal mass over that from the torques, where it is right: wrists move friction, not mass
+PLAUSIBLE_MASS_RATIO = 1e-3, 30.0
 MOMENT_COLUMNS = (slice(0, 1), slice(1, 4), slice(4, 10))  # mass, first and second moments
 
 
@@ -312,22 +297,18 @@ def estimate_sizes(
     # largest effect of mass, first and second moments of each body on each joint
     mass, first_moments, second_moments = (np.transpose(effects[..., part].max(axis=2)) for part in MOMENT_COLUMNS)
     acts = np.logical_or.reduce([part > ROUNDING * part.max() for part in (mass, first_moments, second_moments)])
-    length = _body_lengths(
-        np.where(
-            first_moments > ROUNDING * first_moments.max(), mass / np.where(first_moments > 0, first_moments, 1.0), 0.0
-        ),
-        acts,
-    )
+    is_seen = first_moments > ROUNDING * first_moments.max()
+    length = _body_lengths(np.divide(mass, first_moments, out=np.zeros_like(mass), where=is_seen), acts)
     # torque that a unit mass at the body's length makes, from the largest of the three effects
     torque_per_mass = np.maximum.reduce([mass, first_moments * length, second_moments * length**2])  # N m/kg
-    max_mass = np.where(
-        acts & (torque > 0)[:, None], torque[:, None] / np.where(acts, torque_per_mass, 1.0), np.inf
+    max_mass = np.divide(
+        torque[:, None], torque_per_mass, out=np.full_like(mass, np.inf), where=acts & (torque > 0)[:, None]
     ).min(axis=0)
     if not np.isfinite(max_mass).any():
         return tuple(bodies)
     # bodies that no torque bounds are taken as heavy as the heaviest of the others
     max_mass[~np.isfinite(max_mass)] = max_mass[np.isfinite(max_mass)].max()
-    has_first_moments = acts.any(axis=0) & (first_moments > ROUNDING * first_moments.max()).any(axis=0)
+    has_first_moments = acts.any(axis=0) & is_seen.any(axis=0)
     if has_first_moments.any():  # of the others only the inertia about an axis is seen, behind that of all they carry
         max_mass = np.where(has_first_moments, max_mass, np.minimum(max_mass, max_mass[has_first_moments].max()))
     max_mass = np.maximum(max_mass, MIN_MASS_SHARE * max_mass.max())

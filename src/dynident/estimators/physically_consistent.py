@@ -35,12 +35,7 @@ from dynident.estimators.least_squares import (
     LinearFit,
     Weights,
 )
-from dynident.estimators.notes import (
-    ConstraintsCostly,
-    HeldByConstraints,
-    PriorApproached,
-    RankDeficient,
-)
+from dynident.estimators.notes import ConstraintsCostly, HeldByConstraints, PriorApproached, RankDeficient
 from dynident.estimators.physical_constraints import (
     NONNEGATIVE_ROLES,
     BodyConstraint,
@@ -65,18 +60,13 @@ from dynident.estimators.programs import (
 )
 from dynident.models import Model, Parameter
 from dynident.regression import base_parameters
-from dynident.runtime import ConfigError, Note, call_part, settings_repr, settings_text
+from dynident.runtime import ConfigError, Note, call_part
 
 Array = NDArray[np.float64]
 MAX_GAP = 1e-6  # duality gap above which the prior was not reached
 MIN_COST_SHARE, MIN_COST = 0.25, 0.5  # share of the error without constraints, and percentage points, that are said
 MAX_SHIFT = 3.0  # standard errors: noise alone moves an estimate as far in 0.3 % of all cases
 ACTIVE_DISTANCE = 1e-7  # how near a limit counts as at it, in units of the parameter's size
-
-
-def smallest_eigenvalues(bodies: Sequence[BodyConstraint], theta: Array) -> dict[str, float]:
-    """Return the smallest eigenvalue of each body's pseudo-inertia, relative to its usual mass and length."""
-    return {body.name: float(np.linalg.eigvalsh(body.scaled_inertia(theta))[0]) for body in bodies}
 
 
 def provenance_of(
@@ -87,7 +77,7 @@ def provenance_of(
     at_limit = np.zeros(len(theta), dtype=bool)
     for body in constraints.bodies:
         # a body on the boundary of the feasible set is determined by it, as far as the data see its parameters
-        if np.linalg.eigvalsh(body.scaled_inertia(theta))[0] < 10 * constraints.margin:
+        if body.min_eigenvalue(theta) < 10 * constraints.margin:
             at_limit[body.columns[~free[body.columns]]] = True
     for limit in constraints.limits:
         value = limit.rows @ theta
@@ -205,7 +195,7 @@ class PhysicallyConsistent(Estimator):
     fit: Estimator | None = None
 
     by_parameter: ClassVar[tuple[str, ...]] = ("bounds", "prior")
-    __repr__ = settings_repr
+    title = "physically consistent least squares"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -242,20 +232,17 @@ class PhysicallyConsistent(Estimator):
         effect = np.linalg.norm(factor, axis=0)
         scale = parameter_scales(model.parameters, bodies, effect[:-1], float(effect[-1]))
         information = information_from_factor(factor, scale, directions, rows.total)
-        constraints, prior = (
-            self._constraints(model, bodies, scale),
-            prior_values(self.prior, model),
-        )
+        constraints, prior = self._constraints(model, bodies, scale), prior_values(self.prior, model)
         target = np.where(np.isnan(prior), 0.0, prior)
         # first program: fit the data under the constraints; the prior counts only along informed directions
         strength = 0.0 if self.strength == "auto" else self.strength
         posterior = add_prior(information, self._body_prior(constraints, prior), strength)
         start = nearest_to_prior(posterior, posterior.base, target)
         theta, excess = staged_fit(posterior, constraints, start)
-        entropic = self._entropic_bodies(information, constraints, prior)
         # second program: move along directions that the data do not determine, towards the prior
         value, gap = theta, 0.0
         if self.prior != "any":
+            entropic = self._entropic_bodies(information, constraints, prior)
             value, gap = move_to_prior(information, constraints, theta, target, entropic)
         value = _clip_to_limits(value, constraints)
         provenance = provenance_of(value, information, constraints, ~np.isnan(prior))
@@ -276,7 +263,7 @@ class PhysicallyConsistent(Estimator):
                 *shift_notes(information, value, model.parameters),
             ),
             provenance=provenance,
-            consistency=Consistency(smallest_eigenvalues(bodies, value), costs, free),
+            consistency=Consistency({body.name: body.min_eigenvalue(value) for body in bodies}, costs, free),
             information=rows.information,
         )
 
@@ -313,10 +300,8 @@ class PhysicallyConsistent(Estimator):
     def _body_prior(self, constraints: Constraints, prior: Array) -> Array:
         """Return the prior (p) of the bodies that have a physically consistent one, nan for all other parameters."""
         out = np.full(len(prior), np.nan)
-        for body in constraints.bodies:
-            body_prior = prior[body.columns]
-            if not np.isnan(body_prior).any() and np.linalg.eigvalsh(body.scaled_inertia(prior))[0] > self.margin:
-                out[body.columns] = body_prior
+        for body in self._bodies_with_prior(constraints, prior):
+            out[body.columns] = prior[body.columns]
         return out
 
     def _entropic_bodies(
@@ -325,12 +310,14 @@ class PhysicallyConsistent(Estimator):
         """Return the bodies with a log-det distance: undetermined ones whose prior is physically consistent."""
         if self.distance == "euclidean":
             return []
-        free = [body for body in constraints.bodies if information.directions.undetermined_mask[body.columns].any()]
-        bodies_with_prior = [body for body in free if not np.isnan(prior[body.columns]).any()]
-        return [body for body in bodies_with_prior if np.linalg.eigvalsh(body.scaled_inertia(prior))[0] > self.margin]
+        undetermined = information.directions.undetermined_mask
+        bodies = self._bodies_with_prior(constraints, prior)
+        return [body for body in bodies if undetermined[body.columns].any()]
 
-    def __str__(self) -> str:
-        return settings_text("physically consistent least squares", self)
+    def _bodies_with_prior(self, constraints: Constraints, prior: Array) -> list[BodyConstraint]:
+        """Return the bodies with a prior (p) that is physically consistent."""
+        bodies = [body for body in constraints.bodies if not np.isnan(prior[body.columns]).any()]
+        return [body for body in bodies if body.min_eigenvalue(prior) > self.margin]
 
 
 def _check_bounds(name: str, lower: float | None, upper: float | None) -> None:

@@ -8,14 +8,14 @@ and the feasible set is thin. Boyd and Vandenberghe (2004), "Convex optimization
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.estimators.barrier import Barrier, PenalisedQuadratic
-from dynident.estimators.cone import Optimum, minimise
-from dynident.estimators.physical_constraints import BodyConstraint, Constraints, Limit
+from dynident.estimators.cone import minimise
+from dynident.estimators.physical_constraints import BodyConstraint, Constraints
 from dynident.regression import Rank
 from dynident.runtime import ConfigError, ModelError, Noun
 
@@ -38,10 +38,8 @@ def minimise_from_inside(
         return None
     scale_lengths = np.linalg.norm(directions / scale[:, None], axis=0)
     # the coordinates of the interior point, in unit directions
-    x = (
-        np.linalg.lstsq(directions / scale_lengths / scale[:, None], (start - origin) / scale, rcond=1e-14)[0]
-        / scale_lengths
-    )
+    unit_directions = directions / scale_lengths / scale[:, None]
+    x = np.linalg.lstsq(unit_directions, (start - origin) / scale, rcond=1e-14)[0] / scale_lengths
     inner_directions = directions @ (null_space := equality_null_space(constraints, directions))
     inner_point = origin + directions @ x
     # equalities are kept by moving in their null space: a barrier knows inequalities only
@@ -68,11 +66,12 @@ def _interior_point(constraints: Constraints, origin: Array, scale: Array) -> Ar
     """Return a point (p) inside the constraints, near bodies of their typical size."""
     target, p = np.clip(origin, -MAX_START_SIZE * scale, MAX_START_SIZE * scale), len(scale)
     for body in constraints.bodies:
-        target[body.columns] = 0.0
-        target[body.columns[[0, 4, 6, 9]]] = body.size[3] ** 2 * np.append(
-            1.0, 2.0 * (body.size[:3] / body.size[3]) ** 2
-        )
-    limits = tuple(map(_narrow_limit, constraints.limits))
+        length = body.size[:3] / body.size[3]
+        target[body.columns[[0, 4, 6, 9]]] = body.size[3] ** 2 * np.append(1.0, 2.0 * length**2)
+    insets = [np.minimum(LIMIT_INSET, 0.25 * (x.upper - x.lower)) for x in constraints.limits]
+    limits = tuple(
+        replace(x, lower=x.lower + by, upper=x.upper - by) for x, by in zip(constraints.limits, insets, strict=True)
+    )
     # the further inside, the better the path begins, but a thin feasible set may have no such point
     for times in MARGIN_FACTORS:
         tighter = replace(constraints, limits=limits, margin=min(times * constraints.margin, 0.1))
@@ -87,15 +86,7 @@ def _interior_point(constraints: Constraints, origin: Array, scale: Array) -> Ar
     return None
 
 
-def _narrow_limit(limit: Limit) -> Limit:
-    """Return slightly narrower limits."""
-    by = np.minimum(LIMIT_INSET, 0.25 * (limit.upper - limit.lower))
-    return replace(limit, lower=limit.lower + by, upper=limit.upper - by)
-
-
-FREE_PENALTY = (
-    1.0  # penalty, in squared standard errors, of one usual size along a free direction, which keeps bodies finite
-)
+FREE_PENALTY = 1.0  # squared standard errors for one usual size along a free direction: it keeps bodies finite
 FREE_SCALES = (1.0, 10.0, 100.0, 1e3)  # times the usual size, where the penalty is more than
 MAX_PENALTY_SHARE = 0.01  # of the squared residual of all rows
 MIN_RELATIVE_NOISE = 1e-5  # of the torque: its noise at least
@@ -202,9 +193,8 @@ def _solve_program(information: Information, constraints: Constraints) -> Array:
     # widen the units of the free part until the penalty on it no longer matters
     for factor in FREE_SCALES:
         x = _solve_scaled(replace(information, free=information.free * factor), constraints)
-        if FREE_PENALTY * float(np.sum(x[free] ** 2)) <= MAX_PENALTY_SHARE * (
-            information.noise + float(np.sum(x[~free] ** 2))
-        ):
+        penalty = FREE_PENALTY * float(np.sum(x[free] ** 2))
+        if penalty <= MAX_PENALTY_SHARE * (information.noise + float(np.sum(x[~free] ** 2))):
             break
     return np.where(free, factor * x, x)
 
@@ -229,7 +219,12 @@ def _solve_scaled(information: Information, constraints: Constraints) -> Array:
         violation = constraints.violation(information.theta(optimum.point * sizes))
         if optimum.is_optimal and violation <= MAX_MARGIN_LOSS * constraints.margin:
             return optimum.point * sizes
-        failure = _solver_failure(optimum, violation)
+        failure = ModelError(
+            f"the consistent fit failed: the conic solver stopped with {optimum.status}; its optimality conditions "
+            f"hold to {max(optimum.stationarity, optimum.gap):.1e} (1e-05 is required), the constraints to "
+            f"{violation:.1e}; check nominal values and bounds for wrong units, or raise the threshold, the margin, or "
+            "both."
+        )
     # last resort: the barrier method from inside the feasible set
     quadratic = np.diag(np.where(np.arange(p) < k, 1.0, FREE_PENALTY))
     directions = np.concatenate((information.informed, information.free), axis=1)
@@ -237,14 +232,6 @@ def _solve_scaled(information: Information, constraints: Constraints) -> Array:
     if x is None or not constraints.violation(information.theta(x)) <= MAX_MARGIN_LOSS * constraints.margin:
         raise failure or ModelError("the consistent fit failed: no point inside the constraints was found.")
     return x
-
-
-def _solver_failure(optimum: Optimum, violation: float) -> ModelError:
-    return ModelError(
-        f"the consistent fit failed: the conic solver stopped with {optimum.status}; its optimality conditions hold to "
-        f"{max(optimum.stationarity, optimum.gap):.1e} (1e-05 is required), the constraints to {violation:.1e}; "
-        "check nominal values and bounds for wrong units, or raise the threshold, the margin, or both."
-    )
 
 
 ACTIVE_SLACK = 1e-9  # slack given to limits that are active after the first program
@@ -270,11 +257,7 @@ def add_prior(information: Information, prior: Array, strength: float) -> Inform
         return information
     unit = (1.0 / information.scale)[has_prior, None]
     # eliminate the free directions: they take the point of least distance for any d
-    free, _ = (
-        np.linalg.qr(information.free[has_prior] * unit)
-        if information.free.shape[1]
-        else (np.zeros((len(unit), 0)), None)
-    )
+    free, _ = np.linalg.qr(information.free[has_prior] * unit)
     A = information.informed[has_prior] * unit
     offset = (prior - information.base)[has_prior] * unit[:, 0]
     A, offset = A - free @ (free.T @ A), offset - free @ (free.T @ offset)
@@ -298,7 +281,7 @@ def move_to_prior(
     directions = information.free @ equality_null_space(constraints, information.free)
     if not directions.shape[1]:
         return theta, 0.0
-    relaxed = constraints.relax_margin(0.5)
+    relaxed = replace(constraints, margin=0.5 * constraints.margin)
     # the unconstrained optimum is used where it is feasible, without a barrier
     if not entropic and relaxed.violation(closest := nearest_to_prior(information, theta, prior)) <= 0:
         return closest, 0.0
@@ -313,8 +296,7 @@ def move_to_prior(
     return theta + directions @ x, gap
 
 
-@dataclass(frozen=True, eq=False)
-class _PriorProgram:
+class _PriorProgram(Noun):
     """Minimise x' H x / 2 - g' x + ``prior_barrier`` at x (v), inside ``limit_barrier``."""
 
     H: Array
@@ -342,12 +324,14 @@ class _PriorProgram:
 
 def _limit_barrier(constraints: Constraints, theta: Array, directions: Array) -> Barrier:
     """Return the barrier of the constraints that the free directions move."""
-    limit_constraints = [
+    movable = [
         constraint
         for constraint in constraints.psd_constraints(theta, directions)
         if np.abs(constraint.slopes).max(initial=0.0) > ACTIVE_SLACK
     ]
-    for constraint in constraints.scalar_constraints(theta, directions):
-        if (np.abs(constraint.slopes) > ACTIVE_SLACK).any():
-            limit_constraints.append(replace(constraint, offset=np.maximum(constraint.constant, ACTIVE_SLACK)))
-    return Barrier(tuple(limit_constraints))
+    movable += [
+        replace(constraint, offset=np.maximum(constraint.constant, ACTIVE_SLACK))
+        for constraint in constraints.scalar_constraints(theta, directions)
+        if (np.abs(constraint.slopes) > ACTIVE_SLACK).any()
+    ]
+    return Barrier(tuple(movable))

@@ -25,14 +25,13 @@ from dynident.estimators.physical_constraints import bodies_of, estimate_sizes, 
 from dynident.estimators.programs import Information, add_prior, information_from_factor, nearest_to_prior
 from dynident.models import Model
 from dynident.regression import (
-    Regression,
     TriangularFactors,
     divide_regression,
     factors_of_parts,
     merge_factors,
     rank_of,
 )
-from dynident.runtime import Note, report_progress, settings_repr, settings_text
+from dynident.runtime import Note, report_progress
 
 Array = NDArray[np.float64]
 NamedPrior = Literal["nominal", "none"]
@@ -78,7 +77,7 @@ class Ridge(LinearEstimator):
     strength: Annotated[float, Ge(0), Le(MAX_STRENGTH)] | Literal["auto"] = "auto"
 
     by_parameter: ClassVar[tuple[str, ...]] = ("prior",)
-    __repr__ = settings_repr
+    title = "ridge regression"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -100,7 +99,8 @@ class Ridge(LinearEstimator):
         # the shift by the prior may be an error, and widens the covariance; where the prior alone decides it is none
         shift = np.where(undetermined, 0.0, value - information.base)
         estimate = estimate_of(problem, fit)
-        provenance = _provenance(undetermined, ~np.isnan(prior))
+        order = (Provenance.DATA, Provenance.PRIOR, Provenance.UNIDENTIFIABLE)
+        provenance = tuple(order[k] for k in np.select([~undetermined, ~np.isnan(prior)], [0, 1], 2))
         return replace(
             estimate,
             value=value,
@@ -136,9 +136,6 @@ class Ridge(LinearEstimator):
         """Return the prior (p), nan where a parameter has none."""
         return np.zeros(len(model.names)) if self.prior == "none" else prior_values(self.prior, model)
 
-    def __str__(self) -> str:
-        return settings_text("ridge regression", self)
-
 
 def _usual_sizes(model: Model, triangular: TriangularFactors, weights: Array) -> Array:
     """Return the typical size (p) of each parameter."""
@@ -170,7 +167,11 @@ def _rows_from_information(information: Information, problem: Problem, total: in
 
 def _choose_strength(problem: Problem, prior: Array, weights: Array, scale: Array) -> float:
     """Return the strength that best predicts blocks of the data from the others, 0 where none is clearly better."""
-    parts = _time_blocks(problem.regression)
+    regression = problem.regression
+    samples = sum(int(motion.mask.sum()) for motion in regression.motions)
+    factors = factors_of_parts(regression, divide_regression(regression, max(samples // FOLDS, 1)))
+    count = max(-(-len(factors) // FOLDS), 1)
+    parts = [merge_factors(factors[k : k + count]) for k in range(0, len(factors), count)]
     if len(parts) < 3 or sum(part.total for part in parts) < MIN_ROWS_PER_PARAMETER * len(scale):
         return 0.0
     report_progress("choosing the strength of the prior")
@@ -194,15 +195,6 @@ def _choose_strength(problem: Problem, prior: Array, weights: Array, scale: Arra
     return (0.0, *STRENGTHS)[best] if total[best] > max(MIN_GAIN, std[best]) else 0.0
 
 
-def _time_blocks(regression: Regression) -> list[TriangularFactors]:
-    """Return the factors of about ``DEFAULT_FOLDS`` blocks of time."""
-    samples = sum(int(motion.mask.sum()) for motion in regression.motions)
-    parts = divide_regression(regression, max(samples // FOLDS, 1))
-    factors = factors_of_parts(regression, parts)
-    size = max(-(-len(factors) // FOLDS), 1)
-    return [merge_factors(factors[k : k + size]) for k in range(0, len(factors), size)]
-
-
 def _prediction_errors(part: TriangularFactors, information: Information, prior: Array) -> Array:
     """Return the squared prediction errors (strengths, n) of a part, without a prior and with each strength."""
     aim = np.where(np.isnan(prior), 0.0, prior)
@@ -211,8 +203,3 @@ def _prediction_errors(part: TriangularFactors, information: Information, prior:
         posterior = add_prior(information, prior, strength)
         errors.append(part.residual(nearest_to_prior(posterior, posterior.base, aim)))
     return np.stack(errors)
-
-
-def _provenance(free: NDArray[np.bool_], prior: NDArray[np.bool_]) -> tuple[Provenance, ...]:
-    order = (Provenance.DATA, Provenance.PRIOR, Provenance.UNIDENTIFIABLE)
-    return tuple(order[k] for k in np.select([~free, prior], [0, 1], 2))

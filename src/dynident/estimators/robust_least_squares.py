@@ -21,7 +21,7 @@ from dynident.estimators.least_squares import (
 )
 from dynident.estimators.notes import Downweighted, StillMoving
 from dynident.regression import Rank, Regression, one_thread, rank_of
-from dynident.runtime import Note, Noun, Step, report_progress, settings_repr, settings_text
+from dynident.runtime import Note, Noun, Step, report_progress, settings_text
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -180,8 +180,6 @@ class RobustLeastSquares(SampledEstimator):
     loss: Loss = "huber"
     tuning: Annotated[float, Gt(0), Le(MAX_TUNING)] | None = None
     iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 50
-
-    __repr__ = settings_repr
 
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the rows with the weights of the last step.

@@ -18,7 +18,6 @@ from dynident.estimators.physical_constraints import mass_constraints
 from dynident.estimators.physically_consistent import PhysicallyConsistent
 from dynident.models import Model
 from dynident.models.simulation import (
-    Broken,
     Failure,
     RunsAway,
     Sensitivity,
@@ -84,19 +83,12 @@ def failure_of(run: SimulatedRecording, q: NDArray[np.float64]) -> Failure | Non
     return RunsAway(float(run.t[away[0]] - run.t[0])) if len(away) else None
 
 
-def reason_of(failure: Failure) -> str:
-    """Return why a simulation failed."""
-    if isinstance(failure, RunsAway):
-        return f"it runs away after {failure.after:.3g} s"
-    return failure.reason if isinstance(failure, Broken) else "its mass matrix is singular"
-
-
 def not_simulated_error(motions: Sequence[Motion], failure: Failure, instead: str) -> InputError:
     """Return the error where no first model can be simulated; ``instead`` is a way out."""
     return InputError(
         f"{', '.join(motion.source for motion in motions)}: no first model can be simulated, neither that of "
         "least squares nor one of a Kalman smoother, a physically consistent one, that of the robot file, or one whose "
-        f"mass matrix is made positive definite ({reason_of(failure)}). Check gains, units and reference of the "
+        f"mass matrix is made positive definite ({failure}). Check gains, units and reference of the "
         f"controller and the terms of the model, or use {instead}."
     )
 
@@ -284,21 +276,25 @@ def _interpolation(t: Array, after: float) -> tuple[NDArray[np.intp], Array, NDA
 MIN_SAMPLES, MIN_LENGTH_SHARE = 10, 0.1  # samples of a stretch, and its share of the longest one
 
 
-def closed_shots(problem: Problem, k: int, controller: Controller) -> Shots:
+def loop_shots(problem: Problem, k: int, controller: Controller, output: Output = "q") -> Shots:
     """Return the k-th recording in the loop of its controller, on the time grid of its references.
 
-    The loop goes on where samples are not used.
+    The loop goes on where samples are not used. Torques do not count where their equations are left out of the
+    regression.
     """
-    return _refine_grid(_loop_shots(problem, k, controller))
-
-
-def _loop_shots(problem: Problem, k: int, controller: Controller) -> Shots:
-    motion = _at_stamps(problem.motions[k])
-    usable = np.flatnonzero(motion.mask)
+    motion = problem.motions[k]
+    stamped = motion.shift(-motion.time_offset)  # a controller sees positions when they are stamped
+    usable = np.flatnonzero(stamped.mask)
     if len(usable) < MIN_SAMPLES:
         raise _too_few_error(motion)
-    rows, measured = slice(int(usable[0]), int(usable[-1]) + 1), _measured_positions(problem, k, motion)
-    return Shots(motion, measured, _usable_counts(motion), rows, np.inf, controller)
+    rows = slice(int(usable[0]), int(usable[-1]) + 1)
+    measured = _measured_positions(problem, k, stamped)
+    shots = Shots(stamped, measured, _usable_counts(stamped), rows, np.inf, controller)
+    if output == "tau":
+        keep = fitted_rows(motion, problem.regression.min_speed)
+        count = _usable_counts(motion) if keep is None else _usable_counts(motion) * keep
+        shots = replace(shots, measured=motion.tau, count=count, output="tau", after=motion.time_offset)
+    return _refine_grid(shots)
 
 
 def open_shots(problem: Problem, k: int, segment: float, torque: Array | None = None) -> Iterator[Shots]:
@@ -307,34 +303,22 @@ def open_shots(problem: Problem, k: int, segment: float, torque: Array | None = 
     Positions are simulated when they are stamped; ``torque`` (N, n) is that of then, by default the measured one.
     """
     motion = problem.motions[k]
-    driving_motion = replace(
-        _at_stamps(motion), tau=_sharpen_torque(_torque_at_stamps(motion) if torque is None else torque)
-    )
+    if torque is None:  # at the times when the positions are stamped, later by the time offset
+        t, torque = motion.t - motion.time_offset, motion.tau
+        if motion.time_offset:
+            torque = np.column_stack([np.interp(t, motion.t, column) for column in torque.T])
+    sharpened = torque.copy()
+    # a twelfth of the second difference: then the mean between samples is that of the parabola through them
+    sharpened[1:-1] -= np.diff(torque, 2, axis=0) / 12.0
+    driving_motion = replace(motion.shift(-motion.time_offset), tau=sharpened)
     runs = stretches(driving_motion.mask)
     min_length = max(MIN_SAMPLES, MIN_LENGTH_SHARE * max((run.stop - run.start for run in runs), default=0))
     long_runs = [run for run in runs if run.stop - run.start >= min_length]
     if not long_runs:
         raise _too_few_error(motion)
+    measured, count = _measured_positions(problem, k, driving_motion), np.ones(driving_motion.q.shape)
     for rows in long_runs:
-        yield Shots(
-            driving_motion,
-            _measured_positions(problem, k, driving_motion),
-            np.ones(driving_motion.q.shape),
-            rows,
-            segment,
-        )
-
-
-def torque_shots(problem: Problem, k: int, controller: Controller) -> Shots:
-    """Return the k-th recording in the loop of its controller, with the torque as output.
-
-    Torques do not count where their equations are left out of the regression.
-    """
-    motion, shots = problem.motions[k], _loop_shots(problem, k, controller)
-    keep = fitted_rows(motion, problem.regression.min_speed)
-    count = _usable_counts(motion) if keep is None else _usable_counts(motion) * keep
-    targets = replace(shots, measured=motion.tau, count=count, output="tau", after=motion.time_offset)
-    return _refine_grid(targets)
+        yield Shots(driving_motion, measured, count, rows, segment)
 
 
 def _refine_grid(shots: Shots) -> Shots:
@@ -345,11 +329,6 @@ def _refine_grid(shots: Shots) -> Shots:
     measured, count = np.zeros_like(grid.motion.q), np.zeros_like(grid.motion.q)
     measured[grid.at], count[grid.at] = shots.measured[shots.rows], shots.count[shots.rows]
     return replace(shots, motion=grid.motion, measured=measured, count=count, rows=grid.rows)
-
-
-def _at_stamps(motion: Motion) -> Motion:
-    """Return the motion at the times when its positions are stamped: a controller sees them then."""
-    return motion.shift(-motion.time_offset)
 
 
 def _measured_positions(problem: Problem, k: int, motion: Motion) -> Array:
@@ -368,19 +347,3 @@ def _too_few_error(motion: Motion) -> InputError:
         f"{motion.source}: too few usable samples in a row to simulate: give at least {MIN_SAMPLES}, or an estimator "
         "that simulates nothing."
     )
-
-
-def _torque_at_stamps(motion: Motion) -> Array:
-    """Return the torque at the times when the positions are stamped, later by the time offset."""
-    if not motion.time_offset:
-        return motion.tau
-    t = motion.t - motion.time_offset
-    return np.column_stack([np.interp(t, motion.t, column) for column in motion.tau.T])
-
-
-def _sharpen_torque(tau: Array) -> Array:
-    """Return a torque (N, n) whose averages between neighbours are those of a smooth curve through the samples."""
-    sharpened = tau.copy()
-    # a twelfth of the second difference: then the mean between samples is that of the parabola through them
-    sharpened[1:-1] -= np.diff(tau, 2, axis=0) / 12.0
-    return sharpened

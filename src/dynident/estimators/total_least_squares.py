@@ -16,7 +16,7 @@ from dynident.estimators.notes import ErrorsInRegressor
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import steady_noise
 from dynident.regression import Rank, Regression, Selection, one_thread
-from dynident.runtime import ConfigError, InputError, Noun, settings_repr, settings_text
+from dynident.runtime import ConfigError, InputError, Noun
 
 Array = NDArray[np.float64]
 MAX_WINDOW = 1024  # samples of a spectrum, at most
@@ -88,13 +88,11 @@ MAX_ERROR = 1e9
 SEED = 0  # of the errors that are drawn
 MAX_DRAWS, TOTAL_SAMPLES = 8, 20_000  # of the errors of the motion, at most; samples that are enough
 MAX_ROUNDS, CONVERGED_CHANGE = 50, 1e-10
-MIN_TORQUE_SHARE = (
-    0.05  # of the residual's square is the torque's own at least, however large the regressor's errors are said to be
-)
+# of the residual's square is the torque's own at least, however large the regressor's errors are said to be
+MIN_TORQUE_SHARE = 0.05
 MAX_ERROR_SHARE = 0.1  # share of the regressor's square that is error, along one direction, above which it is said
-MIN_TORQUE_COMPONENT = (
-    1e-3  # of the torque that the parameters make: a solution that leaves no more of the measured one is none
-)
+# of the torque that the parameters make: a solution that leaves no more of the measured one is none
+MIN_TORQUE_COMPONENT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -138,15 +136,13 @@ class TotalLeastSquares(LinearEstimator):
     torque: Annotated[float, Gt(0), Le(MAX_ERROR)] | None = None
 
     by_parameter: ClassVar[tuple[str, ...]] = ("errors",)
-    __repr__ = settings_repr
+    title = "total least squares"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         for name, value in self.values_of("errors").items():
             if not 0 <= value <= MAX_ERROR:
-                raise ConfigError(
-                    f"errors: {name} = {value}; give a standard deviation, a number from 0 to {MAX_ERROR:g}."
-                )
+                raise ConfigError(f"errors: {name} = {value}; give a standard deviation, from 0 to {MAX_ERROR:g}.")
 
     @property
     def needs_samples(self) -> bool:
@@ -174,18 +170,15 @@ class TotalLeastSquares(LinearEstimator):
     def _error_covariance(self, problem: Problem, w: Array) -> Array:
         """Return C (p, p), the sum of the covariances of the errors of all rows, weighted by joint (n)."""
         model, triangular = problem.model, problem.regression.triangular_factors
+        if self.errors == "motion" and not problem.logs:
+            return np.zeros((1, 1))
         if self.errors == "motion":
-            return (
-                _motion_error_covariance(problem, w, np.random.default_rng(SEED)) if problem.logs else np.zeros((1, 1))
-            )
+            return _motion_error_covariance(problem, w, np.random.default_rng(SEED))
         stated = self.values_of("errors")
         check_parameters(stated, model, "errors")
         size = np.array([stated.get(name, 0.0) for name in model.names])
         rows = (triangular.rows * np.square(w)) @ model.support
         return np.diag(np.square(size) * rows)
-
-    def __str__(self) -> str:
-        return settings_text("total least squares", self)
 
 
 class _Solution(Noun):
@@ -274,10 +267,8 @@ def _motion_error_covariance(problem: Problem, w: Array, rng: np.random.Generato
     """Return C from random errors like those of the motion, and their effect on the rows."""
     # the bias correction would be drawn as well: only the rows themselves are compared
     regression = replace(problem.regression, bias=None)
-    noises = [
-        motion_noise(log, entry, problem.time_offset)
-        for log, entry in zip(problem.logs, regression.motions, strict=True)
-    ]
+    pairs = zip(problem.logs, regression.motions, strict=True)
+    noises = [motion_noise(log, entry, problem.time_offset) for log, entry in pairs]
     draws = int(np.clip(TOTAL_SAMPLES // max(sum(map(len, regression.motions)), 1), 1, MAX_DRAWS))
     total = np.zeros((len(problem.model.names),) * 2)
     with one_thread():
@@ -297,6 +288,5 @@ def _row_difference_gram(regression: Regression, perturbed: Regression, w: Array
         for j, part in enumerate(structure.parts):
             d = (b.entries[part] - a.entries[part]) * (1.0 if a.keep is None else a.keep[j])
             grams[j] += w[j] ** 2 * d @ d.T
-    return np.asarray(
-        sum(column_map.T @ gram @ column_map for column_map, gram in zip(structure.maps, grams, strict=True))
-    )
+    pairs = zip(structure.maps, grams, strict=True)
+    return np.asarray(sum(column_map.T @ gram @ column_map for column_map, gram in pairs))

@@ -83,12 +83,12 @@ def read_arrays(
     guesses: list[str] = []
     for name, entry in items.items():
         if isinstance(entry, str) or entry.dtype.kind not in "biuf" or entry.size == 0:
-            faults[name] = f"holds {_describe_entry(entry)}, not an array of numbers."
+            content = entry if isinstance(entry, str) else f"{entry.dtype} values of shape {entry.shape}"
+            faults[name] = f"holds {content}, not an array of numbers."
         # the checks are ordered by cost: an array is read only after its type, shape, need and size have passed
         elif not (table := _table_shape(entry.shape, lengths)):
-            words = f"has the shape {entry.shape}; time must run down the rows of a 2-D array: transpose it."
-            faults[name] = words
-        elif not _is_needed(name, entry, needed):
+            faults[name] = f"has the shape {entry.shape}; time must run down the rows of a 2-D array: transpose it."
+        elif not (needed is None or entry.size == 1 or any(x == name or x.startswith(f"{name}[") for x in needed)):
             unread += _column_names(name, min(table[1], _MAX_LISTED_COLUMNS))
         elif needed is None and memory_in_use + entry.cost > memory_budget():
             words = f"would take {entry.cost / 1e9:.3g} GB of memory, more than a file may; raise this by --memory."
@@ -99,17 +99,16 @@ def read_arrays(
             values = entry.read()
             # the time runs along the rows: the transposed table is a guess that the user should confirm
             if table == _sides(entry.shape)[::-1] and table[0] != table[1]:
-                guesses.append(_guess_note(name, entry.shape, *table, matches_length=table[0] in lengths))
+                why = f"as other columns have {table[0]} values" if table[0] in lengths else "its longer side"
+                guesses.append(
+                    f"{name!r} has the shape {entry.shape}: it is read as {table[0]} rows of {table[1]} columns, {why}."
+                )
             if entry.size == 1:
                 constants[name] = float(values.item())
             else:
                 columns |= zip(_column_names(name, table[1]), _split_columns(values, *table), strict=True)
     notes = tuple(guesses)
     return DataTable(columns, constants, str(path), faults, notes=notes, unread=tuple(unread), guesses=notes)
-
-
-def _is_needed(name: str, array: StoredArray, needed: Collection[str] | None) -> bool:
-    return needed is None or array.size == 1 or any(part == name or part.startswith(f"{name}[") for part in needed)
 
 
 def _table_shape(shape: tuple[int, ...], lengths: Collection[int]) -> tuple[int, int] | None:
@@ -135,11 +134,6 @@ def _sides(shape: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(n for n in shape if n != 1)
 
 
-def _guess_note(name: str, shape: tuple[int, ...], rows: int, columns: int, *, matches_length: bool) -> str:
-    why = f"as other columns have {rows} values" if matches_length else "its longer side"
-    return f"{name!r} has the shape {shape}: it is read as {rows} rows of {columns} columns, {why}."
-
-
 def _column_names(name: str, columns: int) -> list[str]:
     return [name] if columns == 1 else [f"{name}[{k}]" for k in range(columns)]
 
@@ -155,10 +149,6 @@ def _split_columns(array: NDArray[Any], rows: int, columns: int) -> list[Array]:
 def _to_float64(array: NDArray[Any]) -> Array:
     with np.errstate(over="ignore", invalid="ignore"):  # extended precision may exceed float64: then inf
         return np.array(array, dtype=np.float64)
-
-
-def _describe_entry(entry: ArrayOrText) -> str:
-    return entry if isinstance(entry, str) else f"{entry.dtype} values of shape {entry.shape}"
 
 
 def read_npz(path: Path, needed: Collection[str] | None = None) -> DataTable:

@@ -58,7 +58,8 @@ _MAX_FILTER_OVERHEAD, _INFLATE_SIZE = 1 << 16, 1 << 20
 def read_mat(path: Path, needed: Collection[str] | None = None) -> DataTable:
     """Read a MATLAB file."""
     with open_nonempty(path) as file:
-        if _is_hdf5(file):
+        head = file.read(_MATLAB_HEADER + len(_SIGNATURE))
+        if _SIGNATURE in (head[: len(_SIGNATURE)], head[_MATLAB_HEADER:]):  # HDF5, without a header of MATLAB or with
             with open_hdf5(file, str(path)) as arrays:
                 return read_arrays(arrays, needed, path)
     data = nonempty_content(path)
@@ -187,16 +188,12 @@ def _read_variables(content: memoryview, order: str, prefix: str = "") -> Iterat
     if size < 1 or np.frombuffer(dimensions, f"{order}i4").prod() != 1:
         yield path, value
         return
-    for field in _field_names(names, size):
+    for k in range(0, len(names), size):  # each padded to the size
+        field = bytes(names[k : k + size]).split(b"\0")[0].decode("latin-1")
         kind, inner = _next_element(parts)
         if kind != _MATRIX:
             raise ValueError(f"the field {path}.{field} is a data element of type {kind}")
         yield from _read_variables(inner, order, f"{path}.{field}") if inner else ()
-
-
-def _field_names(names: memoryview, size: int) -> list[str]:
-    """Return the names of the fields of a struct, each padded to ``size`` bytes."""
-    return [bytes(names[k : k + size]).split(b"\0")[0].decode("latin-1") for k in range(0, len(names), size)]
 
 
 def _read_variable(content: memoryview, order: str, *, complete: bool = True) -> tuple[str, ArrayOrText]:
@@ -233,13 +230,6 @@ def _next_element(parts: Iterator[tuple[int, memoryview]]) -> tuple[int, memoryv
     if part is None:
         raise ValueError("a variable is cut off")
     return part
-
-
-def _is_hdf5(file: BinaryIO) -> bool:
-    """Return whether a file is HDF5, with or without the header of MATLAB."""
-    file.seek(0)
-    data = file.read(_MATLAB_HEADER + len(_SIGNATURE))
-    return data.startswith(_SIGNATURE) or data[_MATLAB_HEADER:].startswith(_SIGNATURE)
 
 
 @contextmanager

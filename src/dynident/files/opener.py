@@ -129,8 +129,10 @@ def file_status(path: str | Path, error: Failure = InputError, kinds: Collection
         folder = Path(path).parent
         if not os.path.isdir(folder):
             raise error(f"{_shorten(path)}: the folder {_shorten(folder)} does not exist.") from wrong
-        similar_names = _names_of_kinds(folder, kinds)
-        hint = f"; {choices(Path(path).name, similar_names)}" if similar_names else "."
+        hint = "."
+        with suppress(OSError):
+            if names := sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in kinds):
+                hint = f"; {choices(Path(path).name, names)}"
         raise error(f"{_shorten(path)}: cannot be read: there is no such file{hint}") from wrong
     except (OSError, ValueError) as wrong:
         raise error(f"{_shorten(path)}: cannot be read: {cause(wrong)}.") from wrong
@@ -216,13 +218,6 @@ def _remember(status: os.stat_result, path: str | Path) -> None:
     # the first name is kept, as messages should show the one that the user gave
     if (read_files := _READ_FILES.get()) is not None:
         read_files.setdefault((status.st_dev, status.st_ino), str(path))
-
-
-def _names_of_kinds(folder: Path, kinds: Collection[str]) -> list[str]:
-    try:
-        return sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in kinds)
-    except OSError:
-        return []
 
 
 def _resolve(path: str | Path) -> str:

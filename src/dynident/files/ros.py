@@ -11,7 +11,7 @@ from array import array
 from bz2 import BZ2Decompressor
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from importlib import import_module
 from pathlib import Path
 from threading import Lock
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from dynident.files.opener import afford, open_input, read_text
 from dynident.files.tables import DataTable
 from dynident.files.yaml_text import load_yaml
-from dynident.runtime import MEMORY_VARIABLE, InputError, choices, install_command, memory_budget
+from dynident.runtime import MEMORY_VARIABLE, InputError, Noun, choices, install_command, memory_budget
 from dynident.runtime.families import READERS
 
 _BUDGET_DIVISOR = 32  # of the budget, what chunks hold beyond the usual ratio
@@ -160,8 +160,7 @@ def _zstd() -> Any:
         return import_module("backports.zstd")
 
 
-@dataclass(frozen=True, eq=False)
-class _MessageGroup:
+class _MessageGroup(Noun):
     """The messages of a topic that name the same set of joints, in the order of arrival; stamps are in ns.
 
     ``quantities`` are those that at least one message holds.
@@ -193,8 +192,7 @@ class _MessageGroup:
         return np.hstack([np.frombuffer(self.values[name]).reshape(-1, len(self.joints)) for name in _QUANTITIES])
 
 
-@dataclass(frozen=True, eq=False)
-class _SortedMessages:
+class _SortedMessages(Noun):
     """The messages of a group sorted by their stamps (ns), without repeated stamps."""
 
     group: _MessageGroup
@@ -256,7 +254,10 @@ def _read_groups(path: Path) -> tuple[list[_MessageGroup], list[str]]:
         connections = _joint_state_connections(path, reader)
         for connection, received, data in reader.messages(connections=connections):
             message = decode(data, _JOINT_STATE)
-            if not _is_complete(message):
+            count = len(message.name)
+            # each joint is named once, and each list of values is empty or as long as the names
+            sizes = {len(getattr(message, name)) for name in _QUANTITIES}
+            if not len(set(message.name)) == count > 0 or not sizes <= {0, count}:
                 inconsistent[connection.topic] = inconsistent.get(connection.topic, 0) + 1
                 continue
             key = connection.topic, frozenset(message.name)
@@ -300,14 +301,6 @@ def _make_reader(path: Path) -> tuple[Any, Callable[[bytes, str], Any]]:
     if path.suffix.lower() == ".bag" and not path.is_dir():
         return Reader1(path), get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
     return Reader2(path), get_typestore(Stores.LATEST).deserialize_cdr
-
-
-def _is_complete(message: Any) -> bool:
-    """Return whether each joint is named once, and each list of values is empty or as long as the names."""
-    count = len(message.name)
-    return len(set(message.name)) == count > 0 and all(
-        len(getattr(message, name)) in (0, count) for name in _QUANTITIES
-    )
 
 
 def _sort_messages(group: _MessageGroup) -> _SortedMessages:

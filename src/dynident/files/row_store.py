@@ -13,7 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, nullcontext, suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import groupby
 from pathlib import Path
 from threading import RLock, Timer
@@ -25,7 +25,7 @@ from dynident.files.folder import hold_folder, whole_file
 from dynident.files.opener import afford, cause, open_input
 from dynident.files.results import write_table
 from dynident.files.text import call_polars
-from dynident.runtime import InputError, Step, join_names, report_progress
+from dynident.runtime import InputError, Noun, Step, join_names, report_progress
 from dynident.runtime.jobs import JobOptions, JobResult, run_jobs
 
 if TYPE_CHECKING:
@@ -43,8 +43,7 @@ KEY_BYTES = 300  # memory of a key
 PART_NAME = re.compile(r"(\d{4,})-[0-9a-f]{8}\.parquet")
 
 
-@dataclass(frozen=True, eq=False)
-class _StoredPart:
+class _StoredPart(Noun):
     """Rows that belong together, in a file or in memory; ``replaced_keys`` have another row in a later part."""
 
     rows: pl.LazyFrame

@@ -67,12 +67,9 @@ def recording_parts(path: Path) -> tuple[Path, ...]:
         raise InputError(f"{path}: matches {other_file.name}, too; the parts of one recording must be Parquet files.")
     if not parts:
         raise InputError(f"{path}: matches no file; look at the folder and the pattern.")
-    return tuple(sorted(parts, key=lambda file: _natural_key(file.name)))
-
-
-def _natural_key(name: str) -> list[tuple[int, str]]:
-    """Return the sort key by which part10 follows part9."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
+    # part10 follows part9
+    keys = {file: [(int(x), "") if x.isdigit() else (-1, x) for x in re.split(r"(\d+)", file.name)] for file in parts}
+    return tuple(sorted(parts, key=keys.__getitem__))
 
 
 class DataTable(Noun):

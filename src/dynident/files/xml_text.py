@@ -194,17 +194,14 @@ def _expand_includes(xml: str, path: Path, main: Path, included: dict[Path, str]
         name = node.attributes.get("file", "")
         if not name or node.children:
             raise ModelError(f"{path.name}: <include> needs a `file`, and no elements of its own.")
-        content = _included_elements(_include_path(name, path, main), main, included)
+        beside_main = main.parent / name
+        target = beside_main if os.path.exists(beside_main) else path.parent / name
+        content = _included_elements(target, main, included)
         # the size is checked while it grows: nested includes can multiply it
         size += len(content)
         afford(XML_WEIGHT * size, f"{main.name}: with what it includes it would take", ModelError)
         edited.replace(node, content)
     return str(edited)
-
-
-def _include_path(name: str, path: Path, main: Path) -> Path:
-    beside_main = main.parent / name
-    return beside_main if os.path.exists(beside_main) else path.parent / name
 
 
 def _included_elements(path: Path, main: Path, included: dict[Path, str]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any
 
@@ -124,14 +124,9 @@ def is_deep(data: object) -> bool:
     # one level per round, keyed by identity: a ring never ends, but shared parts are not multiplied
     level = {id(data): data}
     for _ in range(MAX_NESTING):
-        level = {id(node): node for part in level.values() for node in _children(part)}
+        parts = [part for part in level.values() if isinstance(part, Mapping | list)]
+        level = {id(x): x for part in parts for x in (part.values() if isinstance(part, Mapping) else part)}
     return any(isinstance(node, Mapping | list) for node in level.values())
-
-
-def _children(value: object) -> Iterable[object]:
-    if isinstance(value, Mapping):
-        return value.values()
-    return value if isinstance(value, list) else ()
 
 
 def yaml_name(name: str) -> str:

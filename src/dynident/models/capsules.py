@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -85,8 +85,7 @@ MAX_MERGED_VOLUME = 1.0  # two capsules become one of up to so many times their 
 MAX_CUT_VOLUME = 0.8  # a mesh is cut in two where that leaves less than this share of the volume
 
 
-@dataclass(frozen=True, eq=False)
-class _BodyPart:
+class _BodyPart(Noun):
     """A part of a body: its link, the balls that it occupies, and the capsule around them."""
 
     link: str
@@ -227,12 +226,11 @@ def outlines(
         elif source is ShapeSource.JOINTS:
             parts = [_solid_surface(shape.solid) for shape in capsules or () if shape.body == body]
         if parts:
-            part_triangles = max(max_triangles // len(parts), 4)
-            out.append(
-                Outline(
-                    geometry.link(body), body, _join_meshes([simplify_mesh(shape, part_triangles) for shape in parts])
-                )
-            )
+            parts = [simplify_mesh(shape, max(max_triangles // len(parts), 4)) for shape in parts]
+            starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+            triangles = [part.triangles + start for part, start in zip(parts, starts, strict=True)]
+            mesh = Mesh(np.concatenate([part.vertices for part in parts]), np.concatenate(triangles))
+            out.append(Outline(geometry.link(body), body, mesh))
     return tuple(out)
 
 
@@ -301,21 +299,12 @@ def _revolve(profile: Array) -> Mesh:
     low, high = indices[:-1], indices[1:]
     after_low, after_high = np.roll(low, -1, axis=1), np.roll(high, -1, axis=1)
     sides = np.stack(((low, after_low, after_high), (low, after_high, high))).transpose(0, 2, 3, 1)
-    return _merge_equal_corners(Mesh(points.reshape(-1, 3), sides.reshape(-1, 3)))
-
-
-def _merge_equal_corners(mesh: Mesh) -> Mesh:
-    """Merge equal corners of a mesh, and remove triangles that have no area."""
-    return _cluster_vertices(mesh, 1e-9 + 1e-6 * float(np.ptp(mesh.vertices, axis=0).max()))
+    vertices = points.reshape(-1, 3)
+    # equal corners are merged, and triangles that have no area removed
+    return _cluster_vertices(Mesh(vertices, sides.reshape(-1, 3)), 1e-9 + 1e-6 * float(np.ptp(vertices, axis=0).max()))
 
 
 def _box_surface(half: Array) -> Mesh:
     corners = (2.0 * np.indices((2, 2, 2)).reshape(3, -1).T - 1) * half
     faces = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
     return Mesh(corners, np.concatenate((faces[:, [0, 1, 2]], faces[:, [0, 2, 3]])))
-
-
-def _join_meshes(parts: Sequence[Mesh]) -> Mesh:
-    starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
-    triangles = [part.triangles + start for part, start in zip(parts, starts, strict=True)]
-    return Mesh(np.concatenate([part.vertices for part in parts]), np.concatenate(triangles))

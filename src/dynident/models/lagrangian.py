@@ -252,7 +252,10 @@ def _unit(units: Sequence[str], powers: Monomial) -> str:
         for base, power in _factors(unit) if times else ():
             total[base] += times * power
     total.pop("1", None)
-    above, below = ([_power(base, sign * k) for base, k in total.items() if sign * k > 0] for sign in (1, -1))
+    above, below = (
+        [base if sign * k == 1 else f"{base}^{sign * k}" for base, k in total.items() if sign * k > 0]
+        for sign in (1, -1)
+    )
     return (" ".join(above) or "1") + ("/" if below else "") + " ".join(below)
 
 
@@ -262,10 +265,6 @@ def _factors(unit: str) -> Iterator[tuple[str, int]]:
         for factor in factors.split():
             base, _, power = factor.partition("^")
             yield base, (1 - 2 * side) * int(power or 1)
-
-
-def _power(base: str, k: int) -> str:
-    return base if k == 1 else f"{base}^{k}"
 
 
 def _stack(flat: Sequence[Any], shape: tuple[int, ...]) -> Array:

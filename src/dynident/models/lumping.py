@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.runtime import ModelError
+from dynident.runtime import ModelError, Noun
 
 Symbols = Sequence[Any]
 Monomial = tuple[int, ...]  # powers of the unknowns, in order of declaration
@@ -28,8 +28,7 @@ class Lump:
     torque: tuple[Any, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class _Share:
+class _Share(Noun):
     """What one monomial of the unknowns contributes: n torques, and their values (POINTS, n) at random states."""
 
     monomial: Monomial
@@ -78,7 +77,12 @@ def lump_parameters(
                     "Lagrangian: a part of the energies holds no unknown, so its torque has no parameter; "
                     "declare one of its factors (a mass, say) as an Unknown."
                 )
-            _add_to_groups(groups, share)
+            for group in groups:
+                if (ratio := share.ratio(group[0][0])) is not None:
+                    group.append((share, ratio))
+                    break
+            else:
+                groups.append([(share, mpmath.mpf(1))])
     groups.sort(key=_sort_key)
     return tuple(_make_lump(group, unknowns) for group in groups)
 
@@ -176,16 +180,6 @@ def _random_states(n: int) -> list[list[list[Any]]]:
 def _is_nonzero(samples: NDArray[np.object_]) -> bool:
     """Return whether a function is nonzero at any of the states."""
     return bool(np.abs(samples).max() > EQUALITY_TOLERANCE)
-
-
-def _add_to_groups(groups: list[ShareGroup], share: _Share) -> None:
-    import mpmath
-
-    for group in groups:
-        if (ratio := share.ratio(group[0][0])) is not None:
-            group.append((share, ratio))
-            return
-    groups.append([(share, mpmath.mpf(1))])
 
 
 def _sort_key(group: ShareGroup) -> tuple[bool, bool, int, tuple[int, Monomial]]:

@@ -20,7 +20,6 @@ from dynident.models.recursion import Recursion
 from dynident.models.recursion_kernel import make_recursion
 from dynident.models.robot_files import (
     Arm,
-    ArmBody,
     LinkShapes,
     RobotFile,
     RobotJoint,
@@ -375,12 +374,10 @@ def _parameters(arm: Arm) -> tuple[Parameter, ...]:
     return tuple(
         Parameter(f"{body.name}.{role}", unit, f"{meaning} of {body.name}", value, role, body.name)
         for body in arm.bodies_with_parameters
-        for role, unit, meaning, value in zip(INERTIAL, UNITS, MEANINGS, _values(body), strict=True)
+        for role, unit, meaning, value in zip(
+            INERTIAL, UNITS, MEANINGS, [None] * 10 if np.isnan(body.theta).any() else body.theta.tolist(), strict=True
+        )
     )
-
-
-def _values(body: ArmBody) -> list[float | None]:
-    return [None] * 10 if np.isnan(body.theta).any() else body.theta.tolist()
 
 
 def _floats(states: Array) -> Array:

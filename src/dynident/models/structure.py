@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.models.term import Joint, Parameter, Term
+from dynident.models.term import Joint, Term
 from dynident.runtime import ModelError, Noun
 
 if TYPE_CHECKING:
@@ -102,9 +102,10 @@ def _reduce_columns(
     joint, parameter = np.nonzero(support)
     entries = [_entries(term, states, joint, parameter) for term in terms]
     # scale by unit: a column that is small beside others of its unit is rounding, whatever the unit
-    scale = _unit_scale(
-        np.sqrt(np.mean([np.square(array).mean(axis=1) for array in entries], axis=0)), parameter, parameters
-    )
+    effect = np.sqrt(np.mean([np.square(array).mean(axis=1) for array in entries], axis=0))
+    unit = np.array([column.unit for column in parameters])
+    largest = {name: effect[unit[parameter] == name].max(initial=0.0) or 1.0 for name in set(unit.tolist())}
+    scale = np.array([largest[name] for name in unit.tolist()])
     for j in range(len(support)):
         rows = np.flatnonzero(joint == j)
         X = np.concatenate([array[rows] for array in entries], axis=1).T / scale[parameter[rows]]
@@ -122,13 +123,6 @@ def _entries(term: Term, states: tuple[Array, ...], joint: Indices, parameter: I
     if rows.shape != (len(joint), len(states[0])) or not np.isfinite(rows).all():
         raise ModelError(f"{type(term).__name__}: its entries have shape {rows.shape}, or are not finite.")
     return rows
-
-
-def _unit_scale(effect: Array, parameter: Indices, parameters: Sequence[Parameter]) -> Array:
-    """Return for each parameter (p) the largest of the effects (M) of entries with the same unit."""
-    unit = np.array([column.unit for column in parameters])
-    largest = {name: effect[unit[parameter] == name].max(initial=0.0) or 1.0 for name in set(unit.tolist())}
-    return np.array([largest[name] for name in unit.tolist()])
 
 
 def select_independent(X: Array) -> tuple[Indices, Array]:

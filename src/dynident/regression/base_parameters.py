@@ -8,7 +8,6 @@ parameters".
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -26,15 +25,14 @@ from dynident.regression.triangular import (
     rank_of_information,
     tied_groups,
 )
-from dynident.runtime import ModelError, Note, join_names
+from dynident.runtime import ModelError, Note, Noun, join_names
 
 Array = NDArray[np.float64]
 MIN_SHARE = 1e-8  # a smaller share in a base parameter is rounding error
 MIN_INDEPENDENCE = 1e-2  # a column this far from the span of those already kept is clearly independent
 
 
-@dataclass(frozen=True, eq=False)
-class BaseParameters:
+class BaseParameters(Noun):
     """The base parameters beta = B theta = theta_b + K theta_d (r) of the standard parameters theta (p), in SI units.
 
     ``independent``: the indices b of the standard parameters that lead a base parameter; ``combination`` (r, p): the

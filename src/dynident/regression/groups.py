@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -158,15 +158,15 @@ def _best_lag(first: Motion, second: Motion) -> float | None:
         return None
     stride = max(1, len(first) // MAX_FINE_POINTS)
     lags_nearby = (lags[best] + np.linspace(-1, 1, 41)) * step
-    return float(min(lags_nearby, key=lambda lag: _position_misfit(first, second, float(lag), stride)))
 
+    def misfit(lag: float) -> float:
+        """Return the mean squared difference of positions at a lag (s)."""
+        t, u = first.t[::stride] - first.t[0] + lag, second.t - second.t[0]
+        use = (t >= 0) & (t <= u[-1])
+        twin = np.column_stack([np.interp(t[use], u, q) for q in second.q.T])
+        return float(np.mean(np.square(first.q[::stride][use] - twin))) if use.any() else np.inf
 
-def _position_misfit(first: Motion, second: Motion, lag: float, stride: int) -> float:
-    """Return the mean squared difference of positions at a lag (s), at every ``stride``-th stamp of the first."""
-    t, u = first.t[::stride] - first.t[0] + lag, second.t - second.t[0]
-    use = (t >= 0) & (t <= u[-1])
-    twin = np.column_stack([np.interp(t[use], u, q) for q in second.q.T])
-    return float(np.mean(np.square(first.q[::stride][use] - twin))) if use.any() else np.inf
+    return float(min(lags_nearby, key=misfit))
 
 
 def _resample_evenly(recording: Log | Motion, step: float, span: Array) -> Array:
@@ -259,8 +259,14 @@ def groups_of(model: Model, basis: BaseParameters) -> tuple[ParameterGroup, ...]
         columns_by_group.setdefault((GroupKind.PAYLOAD, joint), []).extend(columns)
     order = list(GroupKind)
     ordered = sorted(columns_by_group.items(), key=lambda item: order.index(item[0][0]))
-    groups = (_make_group(model, basis, kind, joint, columns) for (kind, joint), columns in ordered)
-    return tuple(group for group in groups if group.names)
+    groups = []
+    for (kind, joint), columns in ordered:
+        sizes = basis.scale[list(basis.independent), None] * basis.combination[:, columns]  # free of units
+        if independent := [columns[k] for k in independent_columns(sizes)]:
+            own = [model.parameters[k] for k in independent]
+            names, units = tuple(x.name for x in own), tuple(x.unit for x in own)
+            groups.append(ParameterGroup(kind, joint, basis.combination[:, independent], names, units))
+    return tuple(groups)
 
 
 def kinds_of(model: Model) -> tuple[GroupKind | None, ...]:
@@ -314,16 +320,6 @@ def _payload_columns(model: Model) -> Iterator[tuple[str, list[int]]]:
             carriers = {joint: sum(joint in others for others in felt.values()) for joint in felt[body]}
             last = min(carriers, key=lambda joint: (carriers[joint], -joint))
             yield model.joints[last].name, columns
-
-
-def _make_group(
-    model: Model, basis: BaseParameters, kind: GroupKind, joint: str, columns: Sequence[int]
-) -> ParameterGroup:
-    sizes = basis.scale[list(basis.independent), None] * basis.combination[:, columns]  # free of units
-    independent = [columns[k] for k in independent_columns(sizes)]
-    parameters = [model.parameters[k] for k in independent]
-    names, units = tuple(parameter.name for parameter in parameters), tuple(parameter.unit for parameter in parameters)
-    return ParameterGroup(kind, joint, basis.combination[:, independent], names, units)
 
 
 def independent_columns(columns: Array) -> list[int]:

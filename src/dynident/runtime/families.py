@@ -16,7 +16,7 @@ from importlib import import_module
 from numbers import Real
 from typing import Annotated, Any, Literal, Protocol, Self, get_args, get_origin, get_type_hints, runtime_checkable
 
-from dynident.runtime.errors import ConfigError, choices
+from dynident.runtime.errors import ConfigError, Noun, choices
 
 ACTIONS: Mapping[str, str] = {
     "summary": "dynident.report.terminal:summary",
@@ -51,8 +51,7 @@ class Settings(Protocol):
         """Return the part, or the candidates (a tuple) to choose it from."""
 
 
-@dataclass(frozen=True, eq=False)
-class PartFamily:
+class PartFamily(Noun):
     """Interchangeable parts: ``table`` maps each kind to its ``module:name``, imported when it is first asked for.
 
     ``members`` are the attributes that a part must have; ``caller_fields`` those of its fields that are no
@@ -99,7 +98,7 @@ class PartFamily:
             if not callable(part):
                 raise ConfigError(f"{where} is no function.")
             return
-        if not _is_frozen(part):
+        if not (isinstance(part, type) and is_dataclass(part) and part.__dataclass_params__.frozen):  # type: ignore[attr-defined]
             raise ConfigError(f"{where} is no frozen dataclass; write @dataclass(frozen=True) before its class.")
         # fields without a default are no attributes of the class
         attributes = {field.name for field in fields(part)}.union(*map(vars, part.__mro__[:-1]))
@@ -162,10 +161,6 @@ def settings_hints(holder: type) -> dict[str, Any]:
     except NameError as error:
         words = "import it in the file itself, not under TYPE_CHECKING"
         raise ConfigError(f"{holder.__name__}: the type of a field is not known: {error}; {words}.") from error
-
-
-def _is_frozen(part: Any) -> bool:
-    return isinstance(part, type) and is_dataclass(part) and bool(part.__dataclass_params__.frozen)  # type: ignore[attr-defined]
 
 
 def _import_path(cls: Any) -> str:

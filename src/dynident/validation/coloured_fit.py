@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.motion.filters import one_pole_filter
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import Regression
+from dynident.runtime import Noun
 from dynident.validation.standard_errors import bread, robust_covariance, stretches_of
 
 Array = NDArray[np.float64]
@@ -54,8 +55,7 @@ def correlated_std(
     return np.asarray(regression.cache[key])
 
 
-@dataclass(frozen=True, eq=False)
-class ColouredFit:
+class ColouredFit(Noun):
     """The residual of a fit as AR(1): variance ``v`` (n) and correlation ``rho`` (n) of the ``joints``.
 
     ``half`` (r, r) turns their rows to the columns; the pieces of the joints hold the ``share`` of all samples.
@@ -141,8 +141,7 @@ def _equivalent_regressions(regression: Regression, slopes: Sequence[Array]) -> 
     return replace(regression, weights=rows), replace(regression, weights=errors)
 
 
-@dataclass(frozen=True, eq=False)
-class _JointPieces:
+class _JointPieces(Noun):
     """One joint's pieces: ``rows`` (b, N), of which ``turn`` (b, r) makes the rows Y = rows' turn of the regressor in
     units in which all rows of the fit are orthonormal.
 

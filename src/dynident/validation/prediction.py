@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
@@ -136,8 +136,7 @@ class Signals(Noun):
     recorded_log: Log | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class LogValidation:
+class LogValidation(Noun):
     """How well a model does on one log: torque ``errors``, and by joint name tests of the ``residuals``.
 
     ``floors`` tell by joint what the sensors allow of the residual, where it is known (``with_floors``).
@@ -263,6 +262,9 @@ def validate(
     error = np.where(is_recorded, np.sqrt(np.mean((measured - predicted_used) ** 2, axis=0)), np.nan)
     filtered = _filter_torques(motion, predicted, selection)
     rmse = dict(zip(motion.joints, map(float, error), strict=True))
+    limits = {joint: limit.effort for joint, limit in model.limits.items() if joint in rmse and limit.effort}
+    left, total = np.var(measured - predicted_used, axis=0), np.var(measured, axis=0)
+    r2 = 1.0 - np.divide(left, total, out=np.full(len(total), np.nan), where=total > 0)
     return LogValidation(
         name=name or motion.source,
         role=role,
@@ -275,8 +277,8 @@ def validate(
             rmse=rmse,
             per_joint=by_joint,
             per_joint_filtered={} if filtered is None else _errors_by_joint(motion, *filtered, is_recorded),
-            effort_share=_effort_shares(model, rmse),
-            r2={joint: _r2(measured[:, j], predicted_used[:, j]) for j, joint in enumerate(motion.joints)},
+            effort_share={joint: 100.0 * rmse[joint] / effort for joint, effort in limits.items()},
+            r2=dict(zip(motion.joints, map(float, r2), strict=True)),
             sensor_noise=sensor_noise(model, theta, motion),
         ),
         residuals={
@@ -298,12 +300,6 @@ def relative_errors(motion: Motion, predicted: Array) -> tuple[float, dict[str, 
     )
 
 
-def _effort_shares(model: Model, rmse: dict[str, float]) -> dict[str, float]:
-    """Return the errors in % of the effort limits, for joints whose limit is known."""
-    limits = {joint: limit.effort for joint, limit in model.limits.items() if joint in rmse and limit.effort}
-    return {joint: 100.0 * rmse[joint] / effort for joint, effort in limits.items()}
-
-
 def _errors_by_joint(motion: Motion, measured: Array, predicted: Array, is_recorded: Mask) -> dict[str, float]:
     return {
         joint: relative_error(measured[:, j], predicted[:, j]) if is_recorded[j] else float("nan")
@@ -315,11 +311,6 @@ def _recorded_joints(motion: Motion) -> Mask:
     """Return which joints (n) have a torque that changes, or is kept."""
     is_kept = True if motion.keep is None else motion.keep.any(axis=0)
     return np.asarray((np.ptp(motion.tau, axis=0) > 0) | is_kept)
-
-
-def _r2(measured: Array, predicted: Array) -> float:
-    total = float(np.var(measured))
-    return 1.0 - float(np.var(measured - predicted)) / total if total > 0 else float("nan")
 
 
 def _test_residuals(motion: Motion, predicted: Array) -> dict[str, ResidualTest]:

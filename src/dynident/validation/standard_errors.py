@@ -145,16 +145,10 @@ def stretches_of(regression: Regression, max_samples: int, piece_samples: int) -
     for k, motion in enumerate(regression.motions):
         weights = regression.weights[k : k + 1]
         for part in stretches(motion.mask):
-            for piece in _pieces(part, share, piece_samples):
+            size = share * (part.stop - part.start)
+            count = max(1, round(size / piece_samples))
+            for piece in [part] if share == 1.0 or size < 100 else spread_pieces(part, count, share):
                 mask = np.zeros(len(motion), dtype=bool)
                 mask[piece] = True
                 regressions.append(replace(regression, motions=(replace(motion, mask=mask),), weights=weights))
     return regressions
-
-
-def _pieces(part: slice, share: float, size: int) -> list[slice]:
-    """Return pieces of about ``size`` samples that hold a share of a stretch; all of it where the share is 1."""
-    length = part.stop - part.start
-    if share == 1.0 or share * length < 100:
-        return [part]
-    return spread_pieces(part, max(1, round(share * length / size)), share)

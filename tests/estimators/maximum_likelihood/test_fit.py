@@ -166,6 +166,7 @@ class TestBodies:
             isinstance(note, ScatterLarger) for note in found.notes
         )  # the residuals are white, whatever the rank
         assert found.determined.rank == basis.rank
+        assert not found.residual.correlated
         assert set(found.provenance) == {"data", "prior"}
         assert np.isinf(found.std[np.array(found.provenance) == "prior"]).all()
         assert RankDeficient(basis.rank, len(truth)) in found.notes
@@ -307,6 +308,8 @@ def test_failure_returns_the_start_and_says_so(monkeypatch: pytest.MonkeyPatch) 
     assert found.notes == (Failed("no luck"),)
     assert not found.converged
     np.testing.assert_allclose(found.value, TRUE, rtol=0.3)
+    given = TestBodies().problem(0.02)
+    assert not MaximumLikelihood()(given).consistency.costs  # of which nothing is shown
 
 
 @pytest.mark.parametrize("converged", [True, False])

@@ -38,15 +38,13 @@ class TestPlan:
         log = Log(t, np.zeros_like(tau), tau, ("a", "b"))
         assert torque_steps(log, np.full(2, 0.1)) == pytest.approx((7.0,), abs=0.01)
 
-    def test_torque_knots_are_as_far_apart_as_the_torque_allows(self) -> None:
-        t = np.arange(400) * 0.01
-        smooth, fast = (np.sin(rate * t)[:, None] for rate in (1.0, 15.0))
-        gaps = []
-        for tau in (smooth, fast):
-            log = Log(t, np.zeros_like(tau), tau, ("a",))
-            gaps.append(np.diff(plan_segment(log, (), 20.0, np.array([0.02]), from_rest=True).torque_knots[0])[0])
-        assert gaps[0] == pytest.approx(0.15)
-        assert gaps[1] < 0.1
+    @pytest.mark.parametrize(("rate", "spacing"), [(0.0, [15]), (3.5, [7]), (8.0, [3]), (16.0, [])])
+    def test_torque_knots_are_as_far_apart_as_lines_follow_the_torque(self, rate: float, spacing: list[int]) -> None:
+        t, rng = 0.01 * np.arange(400), np.random.default_rng(0)
+        curve = np.column_stack([np.sin(rate * t), np.cos(0.8 * rate * t)]) if rate else np.outer(t, [1.0, 2.0])
+        log = Log(t, np.zeros((400, 2)), curve + 0.01 * rng.standard_normal((400, 2)), ("a", "b"))
+        knots = plan_segment(log, (), 20.0, np.array([0.01, 0.01]), from_rest=True).torque_knots
+        assert [np.diff(x)[[0, -1]] for x in knots] == [pytest.approx(0.01 * x) for x in spacing]
 
     def test_whiteness(self, rng: np.random.Generator) -> None:
         white = rng.standard_normal((4000, 2))

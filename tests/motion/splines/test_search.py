@@ -12,6 +12,7 @@ from dynident.motion.splines.search import (
     SearchPoint,
     _lowest_minimum,
     _parabola_zero,
+    _slope_at,
     hermite_root,
     once,
     run_searches,
@@ -33,6 +34,13 @@ def test_inverse_interpolation_is_exact_for_a_parabola() -> None:
     known = [(3 - 2 * s + 0.3 * s * s, 0.0, s) for s in (-1.0, 0.4, 2.0)]
     assert _parabola_zero(known) == pytest.approx(3.0, rel=1e-12)
     assert np.isnan(_parabola_zero([known[0], known[0], known[1]]))
+
+
+def test_a_slope_is_continued_by_at_most_a_tenth() -> None:
+    point, previous = (3.0, 0.2, -1.0), (2.0, 0.9, -0.8)
+    assert _slope_at(3.2, point, previous) == (3.2, pytest.approx(-1.04))
+    assert [_slope_at(x, point, previous)[1] for x in (4.0, 2.0)] == pytest.approx([-1.1, -0.9])
+    assert _slope_at(3.2, point, None) == (3.0, -1.0)
 
 
 def points(value: np.polynomial.Polynomial, at: np.ndarray) -> list[SearchPoint]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from dynident.estimators.maximum_likelihood.segment import Segment, Sigma, State
 from dynident.estimators.maximum_likelihood.trajectory import Arrow, TrajectoryBlock, add_ahead, add_rows, band_of
 from dynident.models import Model, Partials
 from dynident.models.structure import select_independent
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 Moves = Sequence[tuple[Array, Array]]  # of C and W, by segment
@@ -21,8 +22,7 @@ MIN_EFFECT = 1e-6  # fall of the cost for a change by its own size, or by 1, bel
 RANDOM_STATES = 120  # random ones, for n rows each; an even number, so that either half has all joints
 
 
-@dataclass(frozen=True, eq=False)
-class Hypothesis:
+class Hypothesis(Noun):
     """A model with its parameters ``theta`` (p), and the noise ``sigma`` of positions and torques."""
 
     model: Model
@@ -30,8 +30,7 @@ class Hypothesis:
     sigma: Sigma
 
 
-@dataclass(frozen=True, eq=False)
-class RegressorColumns:
+class RegressorColumns(Noun):
     """The columns ``indices`` (r) of the regressor, from which all p follow: Y = Y[indices] ``combination`` (r, p)."""
 
     indices: NDArray[np.intp]
@@ -73,8 +72,7 @@ class RegressorColumns:
         return Y if len(self.indices) == Y.shape[2] else Y[:, :, self.indices]
 
 
-@dataclass(frozen=True, eq=False)
-class Equations:
+class Equations(Noun):
     """Gauss-Newton equations of one segment at a state; border columns: W (k n), then r of the regressor.
 
     ``band`` (w, m n); ``corner`` (b, b) of the border with itself; ``by_border`` (b): minus the gradient by it.
@@ -109,8 +107,7 @@ class Equations:
         return replace(self, side=np.concatenate([self.side, mixed_hessian], axis=1))
 
 
-@dataclass(frozen=True, eq=False)
-class _EquationBlock:
+class _EquationBlock(Noun):
     """A block of intervals at a state.
 
     ``rows`` (B, n, w + b + 1) are the derivatives of the weighted model by C, W and the parameters of ``Z`` (B,
@@ -290,8 +287,7 @@ def scores(segment: Segment, hypothesis: Hypothesis, state: State, sensitivity: 
     return np.concatenate(out)
 
 
-@dataclass(frozen=True, eq=False)
-class SearchPoint:
+class SearchPoint(Noun):
     """A point of the search, with its cost."""
 
     states: tuple[State, ...]
@@ -299,8 +295,7 @@ class SearchPoint:
     cost: float
 
 
-@dataclass(frozen=True, eq=False)
-class Likelihood:
+class Likelihood(Noun):
     """The likelihood to maximise: a model on the segments of its logs, with their noise, and a barrier.
 
     theta moves along the orthonormal ``directions`` (p, v) only: what neither data nor prior determine stays as

@@ -41,7 +41,7 @@ from dynident.models import Model, to_pseudo
 from dynident.motion.log import Log
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import Rank, rank_of
-from dynident.runtime import InputError, ModelError, Note, settings_repr, settings_text
+from dynident.runtime import InputError, ModelError, Note
 
 Array = NDArray[np.float64]
 BARRIER_WEIGHT = 1e-3  # of the barrier that keeps inertia and friction physical, in half squared standard deviations
@@ -110,7 +110,7 @@ class MaximumLikelihood(Estimator):
     rate: Annotated[float, Ge(MIN_RATE)] | None = 1100.0
 
     needs_samples: ClassVar[bool] = True
-    __repr__ = settings_repr
+    title = "maximum likelihood"
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate, with notes on the iteration. Raises ConfigError, InputError and ModelError as the start does."""
@@ -127,9 +127,6 @@ class MaximumLikelihood(Estimator):
     def quick(self) -> LeastSquares:
         """Return least squares: fitting the trajectory takes too long for a search."""
         return LeastSquares()
-
-    def __str__(self) -> str:
-        return settings_text("maximum likelihood", self)
 
 
 @dataclass(eq=False)
@@ -233,17 +230,14 @@ class _LikelihoodRun:
     def to_estimate(self, fit: LikelihoodFit) -> Estimate:
         """Return the estimate of a fit, with covariance, intervals and notes."""
         model, search = self.problem.model, self.search
-        tau = search.residuals()[1]
-        directions = self.directions(fit)
-        rank, undetermined = directions.rank, directions.undetermined_mask
-        covariance = directions.covariance()
-        bodies = bodies_of(model.parameters)
+        tau, directions, bodies = search.residuals()[1], self.directions(fit), bodies_of(model.parameters)
+        rank, undetermined, covariance = directions.rank, directions.undetermined_mask, directions.covariance()
         provenance = self.provenance(undetermined) if bodies else ()
         notes = (*self.notes, *residual_notes(search, fit, directions, tau))
         sample_count = sum((segment.raw.weight > 0).sum(axis=0) for segment in search.segments)
         rms = np.sqrt(sum((x**2).sum(axis=0) for x in tau) / np.maximum(sample_count, 1))
         is_zero = undetermined & (np.abs(fit.theta) <= ROUNDING * np.abs(fit.theta).max())
-        smallest = {body.name: float(np.linalg.eigvalsh(body.scaled_inertia(fit.theta))[0]) for body in bodies}
+        smallest = {body.name: body.min_eigenvalue(fit.theta) for body in bodies}
         return Estimate(
             parameters=model.parameters,
             value=np.where(is_zero, 0.0, fit.theta),
@@ -259,12 +253,8 @@ class _LikelihoodRun:
 
     def provenance(self, undetermined: NDArray[np.bool_]) -> tuple[Provenance, ...]:
         """Return what determines each parameter; where it is not the data, the provenance is that of the start."""
-        data, prior = Provenance.DATA, Provenance.PRIOR
-        pairs = zip(undetermined, self.start.provenance, strict=True)
-        return tuple(
-            (prior if start_provenance is data else start_provenance) if is_undetermined else data
-            for is_undetermined, start_provenance in pairs
-        )
+        origins = [Provenance.PRIOR if x is Provenance.DATA else x for x in self.start.provenance]
+        return tuple(np.where(undetermined, origins, Provenance.DATA).tolist())
 
 
 def residual_notes(search: LikelihoodSearch, fit: LikelihoodFit, rank: Rank, tau: Sequence[Array]) -> list[Note]:

@@ -35,8 +35,7 @@ MAX_STEP_LENGTH = 8.0  # length of a step, in its own
 MAX_CORRECTIONS, CORRECTION_LENGTHS = 2, (1.0, 0.4, 0.16)
 
 
-@dataclass(frozen=True, eq=False)
-class Elimination:
+class Elimination(Noun):
     """A segment after elimination of its trajectory, and then of its k torques after steps.
 
     ``information`` (r, r) and ``gradient`` (r) are those that remain for the parameters of the border;
@@ -89,8 +88,7 @@ class Elimination:
         return np.concatenate([self.arrow.solve_transposed(half), self.inner[:, 1:]])
 
 
-@dataclass(frozen=True, eq=False)
-class Quadratic:
+class Quadratic(Noun):
     """Information (r, r) and gradient (r) of all segments, and the decrement by the trajectories alone."""
 
     information: Array
@@ -152,8 +150,7 @@ class LikelihoodFit(Noun):
         return move_states(segments, states, [elimination.step(change) for elimination in self.segments])
 
 
-@dataclass(frozen=True, eq=False)
-class _NewtonStep:
+class _NewtonStep(Noun):
     """A step of theta, and of each segment's C and W; ``descent`` is minus the gradient by all of them."""
 
     theta: Array
@@ -206,13 +203,12 @@ def _newton_step(
     )
     gain = float(g @ dtheta) - 0.5 * float(dtheta @ H @ dtheta) - barrier.value(theta + dtheta) + barrier.value(theta)
     moves, change = tuple(segment.step(K @ dtheta) for segment in quadratic.segments), H @ dtheta - g
-    parts = [
-        part
-        for segment in normal
-        for part in (segment.by_coefficients, segment.by_border[: len(segment.by_border) - len(K)])
-    ]
-    by_theta = sum((segment.by_border[len(segment.by_border) - len(K) :] for segment in normal), np.zeros(len(K))) @ K
-    descent = np.concatenate([*parts, by_theta - barrier.derivatives(theta)[0]])
+    parts, by_columns = [], np.zeros(len(K))
+    for segment in normal:
+        by_torques, by_parameters = np.split(segment.by_border, [len(segment.by_border) - len(K)])
+        parts += [segment.by_coefficients, by_torques]
+        by_columns = by_columns + by_parameters
+    descent = np.concatenate([*parts, by_columns @ K - barrier.derivatives(theta)[0]])
     return _NewtonStep(
         dtheta, moves, quadratic.segments, quadratic.decrement + 2 * gain, K.T @ gauss.information @ K, change, descent
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from dynident.models import Model
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import NORMAL_95, median_sigma, steady_noise, stretches
 from dynident.regression import fitted_rows
-from dynident.runtime import InputError, Note
+from dynident.runtime import InputError, Note, Noun
 
 Array = NDArray[np.float64]
 MIN_NOISE = {"q": 1e-7, "tau": 1e-4}  # least noise, relative to the largest value: the spline is hardly more exact
@@ -49,8 +49,7 @@ MAX_TRIALS = 6
 MIN_ROOT = 0.5  # root of the deviance below which a best fit says little about the curvature of the path
 
 
-@dataclass(frozen=True, eq=False)
-class Recordings:
+class Recordings(Noun):
     """The measurements.
 
     The logs, the steps of the torque (s) in each, the ``used_torques`` (N, n), the ``time_offset`` (s) of the
@@ -77,10 +76,14 @@ def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Re
         logs = tuple(map(_bridge_excluded, problem.logs))
     else:
         logs, remembered = zip(*_usable_runs(problem), strict=True)
-    used_torques = _fitted_torques(problem, len(logs))
-    group = _averaging_group(logs, rate)
-    if group > 1:
-        logs = tuple(_average_log(log, group) for log in logs)
+    used_torques: list[NDArray[np.bool_] | None] = [None] * len(logs)
+    if len(logs) == len(problem.motions):
+        used_torques = [fitted_rows(motion, problem.regression.min_speed) for motion in problem.motions]
+    highest_rate = max((len(log) - 1) / float(np.ptp(log.t)) for log in logs)
+    group = 1 if rate is None else int(np.ceil(highest_rate / rate))
+    if 1 < group <= min(map(len, logs)) // MIN_SAMPLES:  # no log becomes too short
+        means = [[_group_means(x, group) for x in (log.t, log.q, log.tau)] for log in logs]
+        logs = tuple(Log(t, q, tau, log.joints, log.source) for (t, q, tau), log in zip(means, logs, strict=True))
         # an average counts only where all of its samples are used
         used_torques = [None if mask is None else _group_means(mask.astype(float), group) == 1 for mask in used_torques]
         notes.append(Averaged(group))
@@ -99,21 +102,6 @@ def _bridge_excluded(log: Log) -> Log:
     included = ~log.excluded
     columns = [np.interp(log.t, log.t[included], column[included]) for column in log.tau.T]
     return replace(log, tau=np.stack(columns, axis=1))
-
-
-def _fitted_torques(problem: Problem, logs: int) -> list[NDArray[np.bool_] | None]:
-    """Return which torques (N, n) of each log are fitted, None for all."""
-    min_speed = problem.regression.min_speed
-    if logs != len(problem.motions):
-        return [None] * logs
-    return [fitted_rows(motion, min_speed) for motion in problem.motions]
-
-
-def _averaging_group(logs: Sequence[Log], rate: float | None) -> int:
-    """Return how many neighbouring samples to average; 1 where a log would become too short."""
-    highest_rate = max((len(log) - 1) / float(np.ptp(log.t)) for log in logs)
-    group = 1 if rate is None else int(np.ceil(highest_rate / rate))
-    return group if min(map(len, logs)) >= MIN_SAMPLES * group else 1
 
 
 def estimate_noise(logs: Sequence[Log]) -> tuple[Array, Array]:
@@ -146,11 +134,6 @@ def _usable_runs(problem: Problem) -> list[tuple[Log, Motion]]:
     return out
 
 
-def _average_log(log: Log, group: int) -> Log:
-    t, q, tau = (_group_means(x, group) for x in (log.t, log.q, log.tau))
-    return Log(t, q, tau, log.joints, log.source)
-
-
 def _group_means(x: Array, group: int) -> Array:
     """Return the means of ``group`` neighbours of x (N, ...); the remainder at the end is dropped."""
     length = len(x) // group * group
@@ -171,30 +154,21 @@ def torque_steps(log: Log, sigma_tau: Array, size: float = 8.0) -> tuple[float, 
     # weights of the value at the jump that a straight line through the samples after it extrapolates to
     weights = np.linalg.pinv(np.stack([np.ones(LINE_SAMPLES), x + 0.5], axis=1))[0]
     windows = np.lib.stride_tricks.sliding_window_view(log.tau, LINE_SAMPLES, axis=0)  # (N - 4, n, 5)
-    jump = (windows[LINE_SAMPLES:] @ weights - windows[:-LINE_SAMPLES] @ weights[::-1]) / (
-        np.sqrt(2) * np.linalg.norm(weights) * sigma_tau
-    )
-    worst = np.abs(jump).max(axis=1)
-    peaks = [
-        k
-        for k in np.flatnonzero(worst > size)
-        if worst[k] == worst[max(k - LINE_SAMPLES, 0) : k + LINE_SAMPLES + 1].max()
-    ]
-    height = np.sqrt(2) * np.linalg.norm(weights) * sigma_tau
+    jump = windows[LINE_SAMPLES:] @ weights - windows[:-LINE_SAMPLES] @ weights[::-1]
+    worst = np.abs(jump / (np.sqrt(2) * np.linalg.norm(weights) * sigma_tau)).max(axis=1)
     return tuple(
         float(log.t[k + LINE_SAMPLES])
-        for k in peaks
-        if _is_persistent(log.tau, int(k) + LINE_SAMPLES, jump[k] * height)
+        for k in np.flatnonzero(worst > size)
+        if worst[k] == worst[max(k - LINE_SAMPLES, 0) : k + LINE_SAMPLES + 1].max()
+        and _is_persistent(log.tau, int(k) + LINE_SAMPLES, jump[k])
     )
 
 
 def _is_persistent(tau: Array, k: int, jump: Array) -> bool:
     """Return whether the joint with the largest jump (n) before sample k stays beyond half of it."""
     j = int(np.argmax(np.abs(jump)))
-    before, after = (
-        np.median(part) for part in (tau[max(k - MEDIAN_SAMPLES, 0) : k, j], tau[k : k + MEDIAN_SAMPLES, j])
-    )
-    return bool((after - before) * np.sign(jump[j]) > 0.5 * abs(jump[j]))
+    change = np.median(tau[k : k + MEDIAN_SAMPLES, j]) - np.median(tau[max(k - MEDIAN_SAMPLES, 0) : k, j])
+    return bool(change * np.sign(jump[j]) > 0.5 * abs(jump[j]))
 
 
 def plan_segment(
@@ -202,11 +176,11 @@ def plan_segment(
     steps: Sequence[float],
     spacing: float,
     sigma_tau: Array,
-    *,
-    from_rest: bool,
     time_offset: float = 0.0,
     used_torques: NDArray[np.bool_] | None = None,
     remembered: Motion | None = None,
+    *,
+    from_rest: bool,
 ) -> Segment:
     """Return the segment of a log whose knots are ``spacing`` samples apart, and dense after the steps.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,7 +23,7 @@ from dynident.estimators.maximum_likelihood.plan import (
 from dynident.estimators.maximum_likelihood.segment import Segment, Sigma, State
 from dynident.models import Model
 from dynident.motion.splines import median_sigma
-from dynident.runtime import ModelError, Step, report_progress
+from dynident.runtime import ModelError, Noun, Step, report_progress
 
 Array = NDArray[np.float64]
 SPACINGS = (80.0, 40.0, 20.0, 10.0, 5.0, 2.5, 1.25)  # of the knots, in samples
@@ -36,15 +36,13 @@ EXACT_RESIDUAL = 1e-9  # residual of a position, relative to its range, that cou
 FREE_SPLINE_FACTOR = 1e3  # factor of the usual accelerations, that leaves a spline free
 MAX_UNCERTAIN_SHARE = 0.02  # share of the samples with an uncertain sign above which it is noted
 MIN_WHITENESS = 1e-3  # probability below which residuals are not white
-PROFILE_TOLERANCE_FACTOR = (
-    300.0  # factor of the tolerance where a parameter is held for its profile: the expected fall is taken off
-)
+# factor of the tolerance where a parameter is held for its profile: the expected fall is taken off
+PROFILE_TOLERANCE_FACTOR = 300.0
 MIN_DEVIANCE = 1e-6  # half the deviance that counts as none
 SCORE_CLUSTERS = 200  # parts of the recordings whose scores count as independent
 
 
-@dataclass(frozen=True, eq=False)
-class _Knots:
+class _Knots(Noun):
     """Segments of one spacing, the power (n) of the position residuals, and whether that is ``converged``."""
 
     segments: tuple[Segment, ...]
@@ -67,7 +65,7 @@ class LikelihoodSearch:
     theta: Array
     sigma: Sigma
     segments: tuple[Segment, ...] = ()
-    states: tuple[State, ...] = field(default=())
+    states: tuple[State, ...] = ()
 
     @property
     def likelihood(self) -> Likelihood:
@@ -102,20 +100,11 @@ class LikelihoodSearch:
             )
 
     def _plan_segments(self, spacing: float, *, from_rest: bool) -> tuple[Segment, ...]:
-        time_offset = self.recordings.time_offset
+        time_offset, sigma_tau = self.recordings.time_offset, self.sigma.tau
         remembered = self.recordings.remembered or (None,) * len(self.recordings.logs)
         inputs = zip(self.recordings.logs, self.recordings.steps, self.recordings.used_torques, remembered, strict=True)
         return tuple(
-            plan_segment(
-                log,
-                times,
-                spacing,
-                self.sigma.tau,
-                from_rest=from_rest,
-                time_offset=time_offset,
-                used_torques=used,
-                remembered=motion,
-            )
+            plan_segment(log, times, spacing, sigma_tau, time_offset, used, motion, from_rest=from_rest)
             for log, times, used, motion in inputs
         )
 
@@ -141,11 +130,7 @@ class LikelihoodSearch:
                     break  # the last halving gained nothing
                 candidates.append(self._try_spacing(size, from_rest=from_rest))
                 residual_power.append(self._torque_residual_power(candidates[-1].segments))
-        return [
-            knots
-            for knots, x in zip(candidates, residual_power, strict=True)
-            if x <= EQUAL_POWER_RATIO * min(residual_power)
-        ][-1]
+        return candidates[int(np.flatnonzero(residual_power <= EQUAL_POWER_RATIO * np.min(residual_power))[-1])]
 
     def _try_spacing(self, size: float, *, from_rest: bool) -> _Knots:
         """Return the knots of a spacing, after a fit to the positions alone."""
@@ -163,14 +148,10 @@ class LikelihoodSearch:
 
     def _torque_residual_power(self, segments: Sequence[Segment]) -> float:
         """Return the power of the torque residual of fits to the positions alone."""
-        residuals = [
-            segment.residuals(self.model, self._fit_positions(segment), self.theta)[1] / self.sigma.tau
-            for segment in segments
-        ]
+        residuals = [segment.residuals(self.model, self._fit_positions(segment), self.theta)[1] for segment in segments]
+        pairs = zip(segments, residuals, strict=True)
         # torques that are not fitted count for nothing
-        return sum(
-            float((((segment.raw.weight > 0) * x) ** 2).sum()) for segment, x in zip(segments, residuals, strict=True)
-        )
+        return sum(float((((segment.raw.weight > 0) * x / self.sigma.tau) ** 2).sum()) for segment, x in pairs)
 
     def smooth_signs(self) -> tuple[float, ...]:
         """Smooth the sign over the uncertainty of the velocities; return the widths if many samples are affected."""
@@ -212,14 +193,12 @@ class LikelihoodSearch:
 
     def residuals(self) -> tuple[list[Array], list[Array]]:
         """Return the residuals of positions and torques by segment, in units of their deviations; zero where unused."""
-        pairs = [
-            segment.residuals(self.model, state, self.theta)
-            for segment, state in zip(self.segments, self.states, strict=True)
-        ]
-        torques = zip(pairs, self.segments, strict=True)
-        return [a / self.sigma.q for a, _ in pairs], [
-            (segment.raw.weight > 0) * b / self.sigma.tau for (_, b), segment in torques
-        ]
+        q, tau = [], []
+        for segment, state in zip(self.segments, self.states, strict=True):
+            positions, torques = segment.residuals(self.model, state, self.theta)
+            q.append(positions / self.sigma.q)
+            tau.append((segment.raw.weight > 0) * torques / self.sigma.tau)
+        return q, tau
 
     def reweight(self, huber: float | None, fit: LikelihoodFit) -> None:
         """Estimate the noise from the residuals and degrees of freedom of the current fit.
@@ -315,11 +294,9 @@ class LikelihoodSearch:
             follow = elimination.sensitivity @ fit.columns.combination
             # the scores of neighbouring samples depend on each other: sum them over stretches
             pulls = scores(segment, Hypothesis(self.model, fit.theta, self.sigma), state, follow)
-            middle = (segment.trajectory.breaks[:-1] + segment.trajectory.breaks[1:]) / 2
-            part_count = max(int(SCORE_CLUSTERS / len(self.segments)), 2)
-            edges = np.searchsorted(
-                middle, np.linspace(segment.trajectory.breaks[0], segment.trajectory.breaks[-1], part_count + 1)[:-1]
-            )
+            breaks, part_count = segment.trajectory.breaks, max(int(SCORE_CLUSTERS / len(self.segments)), 2)
+            middle = (breaks[:-1] + breaks[1:]) / 2
+            edges = np.searchsorted(middle, np.linspace(breaks[0], breaks[-1], part_count + 1)[:-1])
             edges = np.unique(np.minimum(edges, len(middle) - 1))
             out.append(np.add.reduceat(pulls, edges))
         square = (np.concatenate(out) @ inverse) ** 2

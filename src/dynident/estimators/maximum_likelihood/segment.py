@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -19,8 +19,7 @@ CACHED_RULES, MAX_CACHED_SAMPLES = 8, 10_000  # rules kept for other recordings,
 MAX_POLYNOMIAL_RESIDUAL = 0.03  # standard deviations of a sample: torques this close to a polynomial count as one
 
 
-@dataclass(frozen=True, eq=False)
-class Torques:
+class Torques(Noun):
     """Torques tau (K, n) at times t (K), each standing for ``weight`` (K, n) samples.
 
     The squared distances of all samples from a smooth f sum to those of weight (tau - f(t))^2, plus ``scatter`` (n).
@@ -96,8 +95,7 @@ def _cached_rule(t: bytes, first_samples: bytes, count: bytes, is_chosen: bytes)
     return _GaussRule.from_samples(np.frombuffer(t), starts, sizes, np.frombuffer(is_chosen, dtype=bool))
 
 
-@dataclass(frozen=True, eq=False)
-class _GaussRule:
+class _GaussRule(Noun):
     """Polynomials (GAUSS_POINTS, M), orthonormal over the M samples of the chosen intervals.
 
     The intervals begin at ``start`` (I). ``diagonal``, ``off_diagonal`` (GAUSS_POINTS, I) are the coefficients of
@@ -169,16 +167,14 @@ GAUSS_OFFSET = 0.5 / np.sqrt(3.0)  # points of Gauss's rule of two, from the mid
 LINE_STD = 0.05  # standard deviation of the torque's straight line after a step, in units of the torque's noise
 
 
-@dataclass(frozen=True, eq=False)
-class Sigma:
+class Sigma(Noun):
     """Standard deviations of white noise: ``q`` (n) of the positions (rad, m), ``tau`` (n) of the torques (N m, N)."""
 
     q: Array
     tau: Array
 
 
-@dataclass(frozen=True, eq=False)
-class State:
+class State(Noun):
     """The unknowns of one segment: spline coefficients C (m, n), and torques W (k, n) at the torque knots."""
 
     C: Array
@@ -375,7 +371,10 @@ class Segment(Noun):
         C = np.concatenate([self.smoothing_equations(a, b).solve_band(rhs[:, None]) for a, b, rhs in pairs], axis=1)
         if self.from_rest:
             C[0] = C[1]
-        W = [np.stack([_mean_torque_after(self.log, knot) for knot in knots]) for knots in self.torque_knots]
+        t, tau = self.log.t, self.log.tau
+        first = [np.minimum(np.searchsorted(t, knots - 1e-12), len(t) - 5) for knots in self.torque_knots]
+        # the mean torque of the five samples from each knot on
+        W = [np.stack([tau[max(i, 0) : i + 5].mean(axis=0) for i in rows]) for rows in first]
         return State(C, np.concatenate(W) if W else np.zeros((0, len(sigma_q))))
 
     def resolution(self, sigma_q: Array, sigma_ddq: Array) -> Array:
@@ -389,9 +388,3 @@ class Segment(Noun):
             inverse = self.smoothing_equations(a, b).inverse[high - low, low]
             out.append(np.sqrt(np.median(np.einsum("na,nab,nb->n", slope, inverse, slope))))
         return np.array(out)
-
-
-def _mean_torque_after(log: Log, t: float) -> Array:
-    """Return the mean torque (n) of the five samples from t on."""
-    i = min(int(np.searchsorted(log.t, t - 1e-12)), len(log) - 5)
-    return np.asarray(log.tau[max(i, 0) : i + 5].mean(axis=0))

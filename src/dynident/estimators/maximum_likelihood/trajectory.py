@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
@@ -63,8 +62,7 @@ def band_of(total: Array) -> Array:
     return band.reshape(m * n, w).T
 
 
-@dataclass(frozen=True, eq=False)
-class Arrow:
+class Arrow(Noun):
     """The symmetric matrix [[N, B], [B', D]]: ``band`` (w, m) is the lower band of N, ``border`` B (m, b).
 
     Only N must be positive definite; ModelError where it is not.
@@ -133,12 +131,6 @@ class Arrow:
             out[d, : m - d] *= scale[: m - d] * scale[d:]
         return out
 
-    @property
-    def log_det(self) -> float:
-        """The logarithm of the determinant of N."""
-        factor, scale = self._factor
-        return float(2 * (np.log(factor[0]) - np.log(scale)).sum())
-
 
 def _scale_rows(rhs: Array, scale: Array) -> Array:
     """Return the rows of rhs (m, k) times the scale (m), column by column in memory, as LAPACK needs it."""
@@ -147,9 +139,7 @@ def _scale_rows(rhs: Array, scale: Array) -> Array:
 
 DEGREE = 4
 BLOCK_ENTRIES = 25000  # entries of a joint's derivatives in about one block: few enough to stay in a processor's cache
-JUMP_MULTIPLICITY = (
-    3  # multiplicity of a knot at which the acceleration may jump: DEGREE - JUMP = 1 continuous derivative
-)
+JUMP_MULTIPLICITY = 3  # of a knot at which the acceleration may jump: DEGREE - JUMP = 1 continuous derivative
 
 
 def graded_breaks(
@@ -175,8 +165,7 @@ def graded_breaks(
     return np.concatenate([*parts, [stop]])
 
 
-@dataclass(frozen=True, eq=False)
-class TrajectoryBlock:
+class TrajectoryBlock(Noun):
     """A block of a trajectory's ``intervals``, and all points in them, as slices.
 
     ``at`` are the :func:`places` of their five coefficients. ``runs`` are neighbouring intervals with the same
@@ -224,10 +213,9 @@ class SplineTrajectory(Noun):
     @cached_property
     def knots(self) -> Array:
         """All knots, repeated at the ends and at the steps."""
-        inside = self.breaks[1:-1]
-        times = np.where(np.isin(inside, self.steps), JUMP_MULTIPLICITY, 1)
-        ends = (np.full(DEGREE + 1, self.breaks[0]), np.full(DEGREE + 1, self.breaks[-1]))
-        return np.concatenate([ends[0], np.repeat(inside, times), ends[1]])
+        times = np.where(np.isin(self.breaks, self.steps), JUMP_MULTIPLICITY, 1)
+        times[[0, -1]] = DEGREE + 1
+        return np.repeat(self.breaks, times)
 
     @property
     def size(self) -> int:

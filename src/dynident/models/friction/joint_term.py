@@ -215,12 +215,7 @@ class JointTerm(Term):
 
     def _sum_by_joint(self, x: Array) -> Array:
         """Return the sums (N, n) by joint of x (N, p)."""
-        return np.asarray(x @ self._joint_selection)
-
-    @cached_property
-    def _joint_selection(self) -> Array:
-        """Ones (p, n) at the joint of each parameter, zeros elsewhere."""
-        return np.eye(len(self.joints))[self._columns]
+        return np.asarray(x @ np.eye(len(self.joints))[self._columns])
 
     @property
     def equations(self) -> tuple[Equation, ...]:

@@ -20,10 +20,6 @@ IMAGINARY_STEP = 1e-80  # its square is beyond the digits of any velocity that c
 _NAME = re.compile(r"\b[A-Za-z_]\w*")
 
 
-def _magnitude(x: Any) -> Any:
-    return x * np.sign(np.real(x)) if np.iscomplexobj(x) else np.abs(x)
-
-
 def smooth_sign(x: Any, width: Array, band: Array | float = 0.0) -> Any:
     """Return tanh(x / width), the sign where the width is zero, and zero where abs(x) <= band > 0."""
     sharp = np.sign(np.real(x))
@@ -35,7 +31,7 @@ def smooth_sign(x: Any, width: Array, band: Array | float = 0.0) -> Any:
 
 
 LAW_FUNCTIONS: Mapping[str, Any] = MappingProxyType(
-    {"abs": _magnitude, "sign": smooth_sign}
+    {"abs": lambda x: x * np.sign(np.real(x)) if np.iscomplexobj(x) else np.abs(x), "sign": smooth_sign}
     | {name: getattr(np, name) for name in ("cos", "exp", "maximum", "sin", "sqrt", "tanh", "where")}
 )
 """The functions that a law may hold; ``sign(x, width, band)`` is ``smooth_sign``."""

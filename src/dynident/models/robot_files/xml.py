@@ -32,8 +32,7 @@ class RobotJointLimits:
     upper: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class RobotJoint:
+class RobotJoint(Noun):
     """A joint between two links: at position q the child's frame in the parent's is ``placement`` @ motion(q).
 
     ``placement`` (4, 4) in m; ``axis`` (3) is a unit vector in the child's frame. ``refusal`` is the reason why the

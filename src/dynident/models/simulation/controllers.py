@@ -43,6 +43,9 @@ class HasTimes(Controller, Protocol):
         """Return the controller as it works every ``period`` s."""
 
 
+SIGNALS, GAINS = ("reference", "feedforward", "velocity_reference"), ("kp", "kv", "kd", "gain", "saturation")
+
+
 class _ReferenceLoop:
     """Base of the loops: tau = gain clip(input), joint by joint, with references that are held."""
 
@@ -53,15 +56,11 @@ class _ReferenceLoop:
     saturation: Array
     feedforward: Array
 
-    def check(self, rate: Array | None = None, **gains: Array) -> None:
-        """Raise InputError where a shape does not fit."""
+    def __post_init__(self) -> None:
         n, rows = len(self.joints), len(self.t)
-        signals = {"reference": self.reference, "feedforward": self.feedforward}
-        if rate is not None:
-            signals["velocity_reference"] = rate
-        for name, array in {**signals, **gains, "gain": self.gain, "saturation": self.saturation}.items():
-            shape = (rows, n) if name in signals else (n,)
-            if np.shape(array) != shape:
+        for name, shape in {**dict.fromkeys(SIGNALS, (rows, n)), **dict.fromkeys(GAINS, (n,))}.items():
+            array = getattr(self, name, None)
+            if array is not None and np.shape(array) != shape:
                 raise InputError(f"controller: {name} has shape {np.shape(array)}, expected {shape}.")
 
     def timed(self, t: Array) -> Self:
@@ -74,7 +73,7 @@ class _ReferenceLoop:
         Raises InputError where no whole number of periods fits between these.
         """
         t, resampled = drive_times(self.t, period), {}
-        for name in ("reference", "feedforward", "velocity_reference"):
+        for name in SIGNALS:
             if (signal := getattr(self, name, None)) is not None:
                 resampled[name] = np.column_stack([np.interp(t, self.t, column) for column in signal.T])
         return replace(self, t=t, **resampled)  # type: ignore[type-var]
@@ -95,14 +94,17 @@ class _ReferenceLoop:
 class _Linear(_ReferenceLoop, ABC):
     """A loop whose input is linear in the state."""
 
+    velocity_reference: Array | None = None
+
     @property
     @abstractmethod
     def gains(self) -> tuple[Array, Array]:
         """The factors (n) by which the input falls with q and with dq."""
 
-    @abstractmethod
     def unlimited_input(self, k: Any, q: Array, dq: Array) -> Array:
         """Return the input before its limit, for the references of row k."""
+        (kp, kd), rate = self.gains, 0.0 if self.velocity_reference is None else self.velocity_reference[k]
+        return np.asarray(kp * (self.reference[k] - q) + kd * (rate - dq) + self.feedforward[k])
 
     def __call__(self, t: float, q: Array, dq: Array) -> Array:
         """Return the torque (n) for the state at time t."""
@@ -153,13 +155,6 @@ class CascadePD(Noun, _Linear):
     saturation: Array
     feedforward: Array
 
-    def __post_init__(self) -> None:
-        self.check(kp=self.kp, kv=self.kv)
-
-    def unlimited_input(self, k: Any, q: Array, dq: Array) -> Array:
-        """Return the input before its limit, for the references of row k."""
-        return np.asarray(self.kv * (self.kp * (self.reference[k] - q) - dq) + self.feedforward[k])
-
     @property
     def gains(self) -> tuple[Array, Array]:
         """The factors (n) by which the input falls with q and with dq."""
@@ -182,14 +177,6 @@ class PD(Noun, _Linear):
     saturation: Array
     feedforward: Array
     velocity_reference: Array | None = None
-
-    def __post_init__(self) -> None:
-        self.check(self.velocity_reference, kp=self.kp, kd=self.kd)
-
-    def unlimited_input(self, k: Any, q: Array, dq: Array) -> Array:
-        """Return the input before its limit, for the references of row k."""
-        rate = 0.0 if self.velocity_reference is None else self.velocity_reference[k]
-        return np.asarray(self.kp * (self.reference[k] - q) + self.kd * (rate - dq) + self.feedforward[k])
 
     @property
     def gains(self) -> tuple[Array, Array]:
@@ -306,9 +293,6 @@ class Function(Noun, _ReferenceLoop):
     gain: Array
     saturation: Array
     feedforward: Array
-
-    def __post_init__(self) -> None:
-        self.check()
 
     def __call__(self, t: float, q: Array, dq: Array) -> Array:
         """Return the torque (n) for the state at time t."""

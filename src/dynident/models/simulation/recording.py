@@ -179,7 +179,12 @@ class _System:
         ddq, memory = self.accelerations(times, q, dq, self.applied_torque(t), self.theta, start_memory)
         if memory is None:
             return np.concatenate([dq, ddq], axis=1).ravel()
-        return np.concatenate([dq, ddq, self._rates(times, q, dq, ddq, start_memory)], axis=1).ravel()
+        # a memory goes on in time only: its derivative by forward differences, of second order
+        now, after_one, after_two = np.moveaxis(
+            self._extrapolate_memory(times, q, dq, ddq, start_memory, DIFFERENCE_STEP * np.arange(3.0)), 1, 0
+        )
+        rates = (4 * after_one - after_two - 3 * now) / (2 * DIFFERENCE_STEP)
+        return np.concatenate([dq, ddq, rates], axis=1).ravel()
 
     def accelerations(
         self, t: Array, q: Array, dq: Array, tau: Array, theta: Array, start_memory: Array
@@ -198,14 +203,6 @@ class _System:
             if np.abs(ddq - previous).max(initial=0.0) <= ACCELERATION_TOLERANCE * np.abs(ddq).max(initial=0.0):
                 break
         return ddq, memory
-
-    def _rates(self, t: Array, q: Array, dq: Array, ddq: Array, start_memory: Array) -> Array:
-        """Return the time derivative (K, m) of the memory, by differences of second order."""
-        # a memory goes on in time only: forward differences, of second order
-        now, after_one, after_two = np.moveaxis(
-            self._extrapolate_memory(t, q, dq, ddq, start_memory, DIFFERENCE_STEP * np.arange(3.0)), 1, 0
-        )
-        return np.asarray((4 * after_one - after_two - 3 * now) / (2 * DIFFERENCE_STEP))
 
     def _extrapolate_memory(self, t: Array, q: Array, dq: Array, ddq: Array, start_memory: Array, s: Array) -> Array:
         """Return the memory (K, k, m) after the times s (k), s, of motion at constant acceleration."""

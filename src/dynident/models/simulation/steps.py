@@ -51,9 +51,11 @@ class OneJoint:
         self.begins: list[int] = begins.tolist()  # by step: the sample that it begins with, or -1
         self.h: list[float] = self.steps.tolist()  # of the steps, s
         self.gaps: list[float] = sample_gaps(t).tolist()  # before each sample, s
-        self.drive = (
-            _torque_law(held_torques(motion, row[None])) if controller is None else _controller_law(controller, t)
-        )
+        if controller is None:
+            numbers = held_torques(motion, row[None])[:, 0, 0].tolist()
+            self.drive: ScalarLaw = lambda k, _q, _dq, z: (numbers[k], z)
+        else:
+            self.drive = _controller_law(controller, t)
         self.states, self.applied = list[_State](), [np.nan] * len(t)
         self.remembered = list[Any]([0.0]) * len(t)  # of the controller, before each sample
         self.machine, self.V = machine, float(machine.V[0, 0])
@@ -78,14 +80,11 @@ class OneJoint:
             longest = MAX_LOOKAHEAD if rounds == 1 else MAX_SMOOTH_LOOKAHEAD
             lookahead = min(2 * lookahead, longest) if rounds else max(lookahead // 2, 1)
         self._torque(self.begins[s], state[0], state[3], state[5])
-        return self._trace()
-
-    def _trace(self) -> Trace:
         q, dq = np.full((2, len(self.h) + 1, 1, 1), np.inf)
         for out, which in ((q, 0), (dq, 1)):
             out[: len(self.states), 0, 0] = [state[which] for state in self.states]
-        states = np.reshape(self.remembered, (len(self.applied), -1)) if self.m else np.zeros((len(self.applied), 0))
-        return Trace(self.steps, np.array(self.begins), q, dq, np.reshape(self.applied, (-1, 1, 1)), states)
+        memory = np.reshape(self.remembered, (len(self.applied), -1)) if self.m else np.zeros((len(self.applied), 0))
+        return Trace(self.steps, np.array(self.begins), q, dq, np.reshape(self.applied, (-1, 1, 1)), memory)
 
     def _is_over(self, s: int, state: _State) -> bool:
         """Whether the run ends before step s: after the last one, or at a sample that is too far away."""
@@ -167,20 +166,11 @@ class OneJoint:
         return list(zip(mass[:, 0, 0].tolist(), bias[:, 0].tolist(), strict=True))
 
 
-def _torque_law(tau: Array) -> ScalarLaw:
-    numbers = tau[:, 0, 0].tolist()
-    return lambda k, _q, _dq, z: (numbers[k], z)
-
-
 def _controller_law(controller: Controller, t: Array) -> ScalarLaw:
     if isinstance(controller, HasScalarLaw):
         return controller.scalar_law(t)
-    if isinstance(controller, HasState):
-        return _stateful_law(controller, t)
-    return lambda k, q, dq, z: (float(controller(float(t[k]), np.array([q]), np.array([dq]))[0]), z)
-
-
-def _stateful_law(controller: HasState, t: Array) -> ScalarLaw:
+    if not isinstance(controller, HasState):
+        return lambda k, q, dq, z: (float(controller(float(t[k]), np.array([q]), np.array([dq]))[0]), z)
     gaps = sample_gaps(t)
 
     def law(k: int, q: float, dq: float, z: Array) -> tuple[float, Array]:

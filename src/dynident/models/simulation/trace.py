@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -163,7 +162,7 @@ def controller_slopes(controller: Controller, inputs: ControllerInput) -> Contro
     """Return the derivatives of a controller, by central differences where it does not know them."""
     if isinstance(controller, HasSlopes):
         return controller.slopes(inputs)
-    n, rows, function = inputs.q.shape[1], np.hstack((inputs.q, inputs.dq, inputs.state)), _as_function(controller)
+    n, rows = inputs.q.shape[1], np.hstack((inputs.q, inputs.dq, inputs.state))
     out = np.empty((len(rows), n + inputs.state.shape[1], rows.shape[1]))
     for k, (t, h, row) in enumerate(zip(inputs.t.tolist(), inputs.h.tolist(), rows, strict=True)):
         # central differences, one input after the other
@@ -172,17 +171,14 @@ def controller_slopes(controller: Controller, inputs: ControllerInput) -> Contro
             for displacement in (step, -step):
                 displaced = row.copy()
                 displaced[j] += displacement
-                ends.append(function(t, h, displaced[:n], displaced[n : 2 * n], displaced[2 * n :]))
+                q, dq, state = np.split(displaced, [n, 2 * n])
+                if isinstance(controller, HasState):
+                    ends.append(np.concatenate(controller.advance(t, h, q, dq, state)))
+                else:
+                    ends.append(controller(t, q, dq))
             out[k, :, j] = (ends[0] - ends[1]) / (2 * step)
-    tau, state = (np.split(part, [n, 2 * n], axis=2) for part in np.split(out, [n], axis=1))
-    return ControllerSlopes((tau[0], tau[1], tau[2]), (state[0], state[1], state[2]))
-
-
-def _as_function(controller: Controller) -> Callable[[float, float, Array, Array, Array], Array]:
-    """Return torque and next state (n + m) as a function of t, h, q, dq and the state."""
-    if isinstance(controller, HasState):
-        return lambda t, h, q, dq, state: np.concatenate(controller.advance(t, h, q, dq, state))
-    return lambda t, _, q, dq, __: controller(t, q, dq)
+    by_tau, by_state = (np.split(part, [n, 2 * n], axis=2) for part in np.split(out, [n], axis=1))
+    return ControllerSlopes((by_tau[0], by_tau[1], by_tau[2]), (by_state[0], by_state[1], by_state[2]))
 
 
 def diagonal(entries: Array) -> Array:

@@ -59,19 +59,12 @@ class Difference(Smoother):
             mask[-2:] = False
         else:
             dq = np.gradient(log.q, log.t, axis=0)
-            ddq = self._second_difference(log.t, log.q)
+            # the second difference of three points on a grid that may be uneven; the ends repeat their neighbours
+            h, ddq = np.diff(log.t)[:, None], np.empty_like(log.q)
+            ddq[1:-1] = 2 * np.diff(np.diff(log.q, axis=0) / h, axis=0) / (h[1:] + h[:-1])
+            ddq[0], ddq[-1] = ddq[1], ddq[-2]
             mask[[0, -1]] = False
         return make_motion(log, (log.q, dq, ddq), mask, {"method": self.method})
-
-    @staticmethod
-    def _second_difference(t: Array, q: Array) -> Array:
-        """Return the three-point second difference on a non-uniform grid; the ends repeat their neighbours."""
-        h = np.diff(t)[:, None]
-        slope = np.diff(q, axis=0) / h
-        out = np.empty_like(q)
-        out[1:-1] = 2 * np.diff(slope, axis=0) / (h[1:] + h[:-1])
-        out[0], out[-1] = out[1], out[-2]
-        return out
 
     def __str__(self) -> str:
         return self.method

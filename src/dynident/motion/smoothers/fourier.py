@@ -105,7 +105,10 @@ class FourierSeries(Smoother):
             "harmonics": tuple(fit.harmonics.tolist()),
             "sigma": tuple((scatter(t, fit.residual, value) if periods >= MIN_PERIODS_TO_COMPARE else noise).tolist()),
             "noise": tuple(noise.tolist()),
-            "whiteness": tuple(_whiteness(column) for column in fit.residual.T),
+            "whiteness": tuple(
+                ljung_box(autocorrelation(x), len(x)) if len(x) >= 50 and np.ptp(x) > 0 else float("nan")
+                for x in fit.residual.T
+            ),
         }
         return make_motion(log, (q, dq, ddq), mask, smoothing)
 
@@ -204,7 +207,3 @@ def _no_period(t: Array) -> str:
         f"no two periods of one motion are found in its {t[-1] - t[0]:.4g} s. A Fourier series is for motion that "
         "repeats: record two periods, give `period` where it is known, or use a spline."
     )
-
-
-def _whiteness(x: Array) -> float:
-    return ljung_box(autocorrelation(x), len(x)) if len(x) >= 50 and np.ptp(x) > 0 else float("nan")

@@ -102,11 +102,7 @@ class _LikelihoodRule(Rule):
             return (yield from search_minimum(series, reml_criterion))
         if intensity is None:
             return (yield from search_minimum(series, likelihood_criterion))
-        return (yield from Fixed(lam=_inverse(intensity)).choose(series, 0))
-
-
-def _inverse(x: float) -> float:
-    return 1.0 / x if x > 0 else inf
+        return (yield from Fixed(lam=1.0 / intensity if intensity > 0 else inf).choose(series, 0))
 
 
 ColumnFits = tuple[Array, Array, Array, Array, Array]  # values, two derivatives; lam and whole by column
@@ -349,13 +345,9 @@ class KalmanSmoother(Smoother):
     def method(self) -> str:
         """The method in words."""
         name = "acceleration" if self.order == 2 else "jerk"
-        return f"Kalman smoother of order {self.order} (white {name}), {self._noise_description}"
-
-    @property
-    def _noise_description(self) -> str:
-        if self.intensity is not None:
-            return "noise and intensity as given"
-        return "maximum likelihood" if self.sigma is None else "noise as given, intensity of maximum likelihood"
+        noise = "noise as given, intensity of " * (self.sigma is not None) + "maximum likelihood"
+        noise = noise if self.intensity is None else "noise and intensity as given"
+        return f"Kalman smoother of order {self.order} (white {name}), {noise}"
 
     def __call__(self, log: Log) -> Motion:
         """Smooth; ``smoothing`` holds per joint sigma, the noise left, intensity, bandwidth (s), cut-off (Hz)."""

@@ -60,11 +60,12 @@ def likely_periods(t: Array, q: Array) -> list[float]:
     for lag in _similar_lags(y)[:MAX_CANDIDATES]:
         trial_periods = [(lag + offset) * step for offset in LAG_OFFSETS]
         stretch = _middle_rows(grid, STRETCH_PERIODS * trial_periods[-1])
-        candidates.append(
-            _refine_candidate(
-                grid, y, min(trial_periods, key=lambda trial: _remaining_power(grid[stretch], y[stretch], trial))
-            )
-        )
+        period = min(trial_periods, key=lambda trial: _remaining_power(grid[stretch], y[stretch], trial))
+        try:
+            period = refine_period(grid, y, period, _harmonic_count(grid, period), np.ones(y.shape[1])).value
+            candidates.append((_remaining_power(grid, y, period), period))
+        except np.linalg.LinAlgError:
+            candidates.append((np.inf, period))
     if not candidates:
         return []
     best = min(candidates)[1]
@@ -77,15 +78,6 @@ def likely_periods(t: Array, q: Array) -> list[float]:
     least_remainder = min(remainder for remainder, _ in candidates)
     shortest = min(period for remainder, period in candidates if remainder <= MAX_REMAINDER_RATIO * least_remainder)
     return [shortest, *(period for _, period in sorted(candidates) if period != shortest)]
-
-
-def _refine_candidate(t: Array, y: Array, period: float) -> tuple[float, float]:
-    """Return the mean square that a series near a period leaves, and its refined period."""
-    try:
-        period = refine_period(t, y, period, _harmonic_count(t, period), np.ones(y.shape[1])).value
-    except np.linalg.LinAlgError:
-        return np.inf, period
-    return _remaining_power(t, y, period), period
 
 
 def _harmonic_count(t: Array, period: float) -> int:
@@ -184,9 +176,7 @@ def _product_variance(t: Array, sensitivity: Array, residual: Array, period: flo
 
 Mask = NDArray[np.bool_]
 START_HARMONICS, MAX_HARMONICS = 16, 1024  # harmonics that are fitted at first, to choose from, and at most
-MAX_HARMONICS_PER_SAMPLE = (
-    0.4  # harmonics for each sample of a period: beyond, the sampling is too slow to tell them apart
-)
+MAX_HARMONICS_PER_SAMPLE = 0.4  # of a period: beyond, the sampling is too slow to tell them apart
 # of a period: parts at the ends of a log with so many times the usual residual are transients
 END_WINDOW, MIN_TRANSIENT_RATIO = 1 / 8, 3.0
 MAX_GAP_STEPS = 3.0  # times the usual step

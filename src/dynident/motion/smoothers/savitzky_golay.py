@@ -321,7 +321,9 @@ class SavitzkyGolay(Smoother):
             if not len(inside):
                 break
             # a wide window needs fewer rows: neighbouring ones tell nearly the same
-            rows = inside[np.linspace(0, len(inside) - 1, _trial_count(len(inside), half)).astype(np.intp)]
+            count = max(100, int(SAMPLES_PER_WINDOW * len(inside) / (2 * half + 1)))
+            count = min(MAX_TRIAL_SAMPLES, count, len(inside))
+            rows = inside[np.linspace(0, len(inside) - 1, count).astype(np.intp)]
             squares, gain = order_differences(log.t, log.q, half, (self.order, self.order + 2), rows)
             # the smallest difference lies a known factor above the best window (see above)
             trials.append((half * gain ** (-1 / (2 * (self.order // 2 * 2) + 5)), squares))
@@ -364,8 +366,3 @@ def _has_full_window(t: Array, half: int) -> NDArray[np.bool_]:
     inside = np.zeros(len(t), dtype=bool)
     inside[half : len(t) - half] = True
     return np.asarray(inside & (window_spans(t, half) <= MAX_WINDOW_STRETCH * 2 * half * float(np.median(np.diff(t)))))
-
-
-def _trial_count(samples: int, half: int) -> int:
-    """Return at how many of the samples a window is tried."""
-    return int(min(MAX_TRIAL_SAMPLES, max(100, SAMPLES_PER_WINDOW * samples / (2 * half + 1)), samples))

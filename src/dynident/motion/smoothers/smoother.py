@@ -301,16 +301,17 @@ def select_rare(mask: Mask, max_share: float) -> Mask:
 
 def suspects(log: Log) -> Suspects:
     """Return where the positions and torques of a log look wrong; the log keeps it."""
-    return log.fact("suspects", lambda: _find_suspects(log))
 
+    def find() -> Suspects:
+        clipped = _clipped_samples(log.tau)
+        frozen_torque = frozen_samples(log.t, log.tau) & ~clipped
+        q, tau = (spikes(log.t, x) | torn_ends(log.t, x) for x in (log.q, log.tau))
+        constant = np.ptp(log.tau, axis=0) == 0
+        # where all are constant, the whole arm may swing freely
+        dead = np.broadcast_to(constant & ~constant.all(), log.tau.shape)
+        return Suspects(q, frozen_samples(log.t, log.q), tau & ~clipped, frozen_torque, clipped, dead)
 
-def _find_suspects(log: Log) -> Suspects:
-    clipped = _clipped_samples(log.tau)
-    frozen_torque = frozen_samples(log.t, log.tau) & ~clipped
-    q, tau = (spikes(log.t, x) | torn_ends(log.t, x) for x in (log.q, log.tau))
-    constant = np.ptp(log.tau, axis=0) == 0
-    dead = np.broadcast_to(constant & ~constant.all(), log.tau.shape)  # where all are, the whole arm may swing freely
-    return Suspects(q, frozen_samples(log.t, log.q), tau & ~clipped, frozen_torque, clipped, dead)
+    return log.fact("suspects", find)
 
 
 def _clipped_samples(tau: NDArray[np.float64]) -> Mask:
@@ -339,18 +340,14 @@ def repair_log(log: Log, *, torque: bool) -> Log:
         q = np.stack(list(columns), axis=1)
     # next to a frozen stretch the derivatives are those of the bridge; next to a spike they are not
     stuck: Mask = np.asarray(marks.position_frozen & wrong)
-    lost_rows = np.asarray(_widen(stuck) | wrong).any(axis=1, keepdims=True)
+    if stuck.any():
+        from scipy.ndimage import binary_dilation  # seldom needed
+
+        stuck = binary_dilation(stuck, np.ones((2 * FROZEN_MARGIN + 1, 1)))
+    lost_rows = np.asarray(stuck | wrong).any(axis=1, keepdims=True)
     left_out = lost_rows | (marks.torques & torque)
     keep = ~left_out if log.keep is None else ~left_out & log.keep
     return replace(log, q=q, keep=keep) if left_out.any() else log
-
-
-def _widen(mask: Mask) -> Mask:
-    if not mask.any():
-        return mask
-    from scipy.ndimage import binary_dilation  # seldom needed
-
-    return np.asarray(binary_dilation(mask, np.ones((2 * FROZEN_MARGIN + 1, 1))))
 
 
 def smooth_log(smoother: Smoother, log: Log, *, judge_only: bool = False) -> Motion:

@@ -72,10 +72,12 @@ class SplineSettings:
     def build(self) -> Spline | tuple[Spline, ...]:
         """Return the spline, or those that ``rule`` "torque" chooses from."""
         if self.rule == "torque":
-            return tuple(
-                Spline(Constraint(), self.sigma, self.ends, _multiply_factor(self.factor, factor))
-                for factor in NOISE_FACTORS
+            own = self.factor
+            factors = (
+                {name: k * size for name, size in own.items()} if isinstance(own, Mapping) else k * own
+                for k in NOISE_FACTORS
             )
+            return tuple(Spline(Constraint(), self.sigma, self.ends, factor) for factor in factors)
         rule_settings: Any = {"constraint": {"S": self.S}, "fixed": {"p": self.p, "lam": self.lam}}
         rule = RULES[self.rule](**rule_settings.get(self.rule, {}))
         return Spline(rule, self.sigma, self.ends, self.factor)
@@ -125,7 +127,12 @@ class Spline(Smoother):
         """The method in words."""
         is_scaled = isinstance(self.factor, int | float) and self.factor != 1.0 and self.rule.needs_sigma
         factor_text = f" at {self.factor:.3g} times the noise" if is_scaled else ""
-        return f"natural cubic smoothing spline, {_rule_text(self.rule)}{factor_text}"
+        rule = self.rule
+        if isinstance(rule, Constraint):
+            rule_text = "S = n" if rule.S is None else "S as given"
+        else:
+            rule_text = RULE_TEXTS.get(type(rule), type(rule).__name__)
+        return f"natural cubic smoothing spline, {rule_text}{factor_text}"
 
     def __call__(self, log: Log) -> Motion:
         """Smooth; ``smoothing`` holds per joint sigma, S, lam, edf, the noise left, bandwidth (s) and cut-off (Hz)."""
@@ -181,19 +188,6 @@ class Spline(Smoother):
             how = "p" if rule.p is not None else "lam"
             how = f"{how} {setting_text(getattr(rule, how))}"
         return ", ".join([f"smoothing spline, {how}", *extras, *ends])
-
-
-def _multiply_factor(factor: float | Mapping[str, float], multiple: float) -> float | dict[str, float]:
-    return (
-        {name: multiple * size for name, size in factor.items()} if isinstance(factor, Mapping) else multiple * factor
-    )
-
-
-def _rule_text(rule: Rule) -> str:
-    """Return the text for a rule in the method of a motion; a user's rule by the name of its class."""
-    if isinstance(rule, Constraint):
-        return "S = n" if rule.S is None else "S as given"
-    return RULE_TEXTS.get(type(rule), type(rule).__name__)
 
 
 Spline.Settings = SplineSettings

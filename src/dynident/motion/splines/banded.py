@@ -8,7 +8,7 @@ Here LAPACK solves it; ``compiled.py`` does the same with the kernel where there
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from math import nan
 from typing import NamedTuple
@@ -16,6 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
+
+from dynident.runtime import Noun
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(np.float64).eps)
@@ -68,8 +70,7 @@ class Solution(NamedTuple):
     norm: float = nan
 
 
-@dataclass(frozen=True, eq=False)
-class Axis:
+class Axis(Noun):
     """The times ``x`` (N) less their mean, with weights ``w``; ``wx`` their product, ``total`` the sum of the weights
     and ``square`` that of w x^2."""
 
@@ -90,8 +91,7 @@ class Axis:
         return cls(x, w, wx, total, float(wx @ x))
 
 
-@dataclass(frozen=True, eq=False)
-class Grid:
+class Grid(Noun):
     """Times in units of the mean step: ``step`` (N - 1), all that the columns of data have in common."""
 
     step: Array
@@ -224,7 +224,9 @@ class System:
             return Solution(p, u, self.weighted_rss(v), residual, accuracy, norm=float(np.sqrt(u @ u)))
         rss, mass_u = self.weighted_rss(v), self.mass(u)
         energy = float(u @ mass_u)
-        slope = self._slope(p, factor, mass_u, energy, rss)
+        # d log(rss) / d log(p) = -2 p (u' N u - p w' w) / rss with R' w = N u (step 3 of the algorithm)
+        w = lapack.dtbtrs(factor, mass_u[:, None], uplo="L")[0]
+        slope = -2.0 * p * (energy - p * float(np.vdot(w, w))) / max(rss, TINY)
         log_det_terms = _determinant(p, factor, self.grid) if trace else (np.nan, np.nan, np.nan)
         return Solution(p, None, rss, np.nan, np.nan, slope, energy, *log_det_terms)
 
@@ -246,12 +248,6 @@ class System:
             u = u + correction
             v = self.removed_signal(u)
             last_change, expected_error = change, change * change / last_change
-
-    @staticmethod
-    def _slope(p: float, factor: Array, mass_u: Array, energy: float, rss: float) -> float:
-        """Return d log(rss) / d log(p) = -2 p (u' N u - p w' w) / rss with R' w = N u (step 3 of the algorithm)."""
-        w = lapack.dtbtrs(factor, mass_u[:, None], uplo="L")[0]
-        return -2.0 * p * (energy - p * float(np.vdot(w, w))) / max(rss, TINY)
 
     def interpolate(self, z: Array) -> Array:
         """Solve N c = Q' y, eq. (22): the natural interpolating spline."""

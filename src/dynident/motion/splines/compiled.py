@@ -8,7 +8,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from ctypes import addressof, c_char, c_double, c_int32, c_int64, c_void_p
-from dataclasses import dataclass
 from math import isfinite, nan
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.motion.splines.banded import Grid, IllConditionedError, Solution, System
+from dynident.runtime import Noun
 from dynident.runtime.kernel import function
 
 Array = NDArray[np.float64]
@@ -43,8 +43,7 @@ class SplineProblem(Protocol):
         """The right-hand side Q' y (N - 2)."""
 
 
-@dataclass(frozen=True, eq=False)
-class BareProblem:
+class BareProblem(Noun):
     """A system and a right-hand side without the data they come from."""
 
     system: System
@@ -226,11 +225,6 @@ def _address(x: NDArray[Any]) -> int:
         return int(x.ctypes.data)
 
 
-def _addresses(arrays: Sequence[Array]) -> NDArray[np.uintp]:
-    """Return the addresses of contiguous arrays, which must be kept."""
-    return np.array([_address(x) for x in arrays], dtype=np.uintp)
-
-
 def column_ranges(columns: Array) -> tuple[list[float], list[float], bool]:
     """Return the least and the largest value of each of the columns (N, k), and whether all are finite."""
     call = function("spline_survey", c_int64, c_int64, c_void_p, c_void_p)
@@ -298,7 +292,7 @@ def spline_values(
             np.multiply(u[j], bend[j], out=c[1:-1, j])
         return values, c
     variances = [system.variance for system in systems if system.variance is not None]
-    variance = _addresses(variances) if variances else None
+    variance = np.array([_address(x) for x in variances], dtype=np.uintp) if variances else None
     u_addresses, u_strides = np.array([x.ctypes.data for x in u]), np.array([x.strides[0] // x.itemsize for x in u])
     inputs = _address(columns), _address(systems[0].grid.reciprocal), _address(u_addresses), _address(u_strides)
     units = np.array([size, bend], dtype=float)

@@ -32,23 +32,17 @@ def local_basis(knots: Array, degree: int, m: Index, t: Array) -> Array:
     ``degree`` is at least 2. De Boor (1978), "A practical guide to splines", chapter X.
     """
     values = [np.ones((len(t), 1))]
-    for k in range(1, degree + 1):
-        values.append(_raise_degree(values[-1], knots, k, m, t))
+    for k in range(1, degree + 1):  # each from the values of one degree less
+        values.append(np.zeros((len(t), k + 1)))
+        for a in range(k):
+            left, right = knots[m - k + 1 + a], knots[m + 1 + a]
+            share = values[k - 1][:, a] / (right - left)
+            values[k][:, a] += (right - t) * share
+            values[k][:, a + 1] += (t - left) * share
     # a derivative needs the values of one degree less, the second derivative those of two degrees less
     slope = _differentiate(values[degree - 1], knots, degree, m)
     bend = _differentiate(_differentiate(values[degree - 2], knots, degree - 1, m), knots, degree, m)
     return np.stack([values[degree], slope, bend])
-
-
-def _raise_degree(lower: Array, knots: Array, degree: int, m: Index, t: Array) -> Array:
-    """Return the values (N, degree + 1) from those of one degree less."""
-    out = np.zeros((len(t), degree + 1))
-    for a in range(degree):
-        left, right = knots[m - degree + 1 + a], knots[m + 1 + a]
-        share = lower[:, a] / (right - left)
-        out[:, a] += (right - t) * share
-        out[:, a + 1] += (t - left) * share
-    return out
 
 
 def _differentiate(lower: Array, knots: Array, degree: int, m: Index) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from math import isnan, log2, nan
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.motion.splines.banded import EPS, Solution, System
 from dynident.motion.splines.compiled import column_ranges, roughness, scale_columns
-from dynident.runtime import InputError
+from dynident.runtime import InputError, Noun
 
 Array = NDArray[np.float64]
 NORMAL_95 = 1.959964  # standard deviations to each side that hold 95 % of a normal distribution
@@ -140,8 +140,7 @@ CHUNK_SAMPLES = 4096
 ROUNDING_FACTOR = 6.0  # of a slope, its step and the residual, in units of EPS
 
 
-@dataclass(frozen=True, eq=False)
-class ScaledSeries:
+class ScaledSeries(Noun):
     """One column of data in scaled units, with the factors to convert back.
 
     y (N) is the data less the first of them, divided by ``size`` (a power of two), ``z`` = Q' y, ``noise`` the
@@ -210,14 +209,9 @@ class ScaledSeries:
 
     def line(self) -> Array:
         """Return the weighted least-squares straight line at the samples (the limit p = 0)."""
-        mean, slope = self._line
-        return np.asarray(mean + self.system.axis.x * slope)
-
-    @cached_property
-    def _line(self) -> tuple[float, float]:
         axis = self.system.axis
         mean = float(axis.w @ self.y) / axis.total
-        return mean, float(axis.wx @ self.y - mean * axis.wx.sum()) / axis.square
+        return np.asarray(mean + axis.x * (float(axis.wx @ self.y - mean * axis.wx.sum()) / axis.square))
 
     @cached_property
     def straight_rss(self) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -15,14 +14,13 @@ from dynident.motion.splines.compiled import BareProblem, column_ranges, slopes,
 from dynident.motion.splines.rules import Constraint, Rule, check_columns
 from dynident.motion.splines.search import SplineSearch, once, run_searches
 from dynident.motion.splines.series import ScaledSeries, noise_sigma
-from dynident.runtime import ConfigError, InputError
+from dynident.runtime import ConfigError, InputError, Noun
 
 Array = NDArray[np.float64]
 MAX_VALUE = 1e100  # squares and fourth powers of allowed values must not overflow
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothingSpline:
+class SmoothingSpline(Noun):
     """A natural cubic spline g fitted to one or k series on a common time grid.
 
     ``t`` (N); ``values`` = a = g(t) and ``c`` = g''(t) / 2, both (N,) or (N, k) like the data; per series (a float, or
@@ -88,9 +86,6 @@ class SmoothingSpline:
     def _match_shape(self, value: Array) -> Array:
         return value if self.values.ndim == 2 else np.asarray(value[0])[()]
 
-    def _as_column(self, x: Array) -> Array:
-        return x if self.values.ndim == 1 else x[:, None]
-
     def derivative(self, order: int = 1) -> Array:
         """Return the derivative of order 0 to 3 at the samples, shaped like the data (eqs. 34-36).
 
@@ -105,7 +100,8 @@ class SmoothingSpline:
             return 2.0 * self.c
         if order == 1 and (slope := slopes(self.t, self.values, self.c)) is not None:
             return slope
-        h = self._as_column(np.diff(self.t))
+        h = np.diff(self.t)
+        h = h if self.values.ndim == 1 else h[:, None]
         out = np.empty_like(self.values)
         if order == 3:
             np.divide(np.diff(self.c, axis=0), 0.5 * h, out=out[:-1])

@@ -11,6 +11,7 @@ from page_tables import DOCS, OUT, filled, markdown, read_figures
 __all__ = ["FIGURES", "PAGE", "draw", "laws", "page", "worded"]
 
 PAGE, FIGURES = DOCS / "defaults.md", OUT / "defaults.json"
+LABELS = {"by hand": "by hand", "after": "defaults"}  # what is kept, and what the page calls it
 Row = dict[str, Any]
 
 
@@ -29,9 +30,9 @@ def robots(rows: Mapping[str, Mapping[str, Row]]) -> str:
     head = "| | held out, % | reported, % | by joint, % | train, % | terms | s of CPU | mark | noise | oracle |"
     lines = [head, "|" + "---|" * 10]
     for name, robot in ROBOTS.items():
-        for label, own in rows.items():
-            if (row := own.get(name)) is not None:
-                lines.append("| " + " | ".join([f"{robot.title}, {label}", *cells(robot, row)]) + " |")
+        for label, shown in LABELS.items():
+            if (row := rows.get(label, {}).get(name)) is not None:
+                lines.append("| " + " | ".join([f"{robot.title}, {shown}", *cells(robot, row)]) + " |")
                 others = [f"{one['error']:.3g}" for one in row.get("logs", []) if one["role"] == "validation"][1:]
                 if others:
                     lines.append(f"| the same on {len(others)} other recordings | {', '.join(others)} |" + " |" * 8)

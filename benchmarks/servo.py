@@ -136,7 +136,9 @@ def table(kept: dict[str, Any]) -> str:
     held = np.sum([row["held"] for key, row in kept.items() if "dynident" in key and "backlash" not in key], axis=0)
     head = ("arm", "method", "parameters, %", "delay, ms", "rollout, mrad", "CPU, s")
     share = (
-        f"{100 * held[0] / held[1]:.0f} % of {held[1]} intervals (95 %) of dynident hold the truth" if held[1] else ""
+        f"Of {held[1]} nominal 95 % intervals of dynident, {100 * held[0] / held[1]:.0f} % contain the true value"
+        if held[1]
+        else ""
     )
     return f"{markdown(head, rows)}\n\n{share}, over all arms without backlash and all seeds."
 

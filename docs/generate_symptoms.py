@@ -78,7 +78,8 @@ def quote(kind: type) -> str:
     for block in SequenceMatcher(None, first, second, autojunk=False).get_matching_blocks():
         text += "…" * (block.a > end) + "".join(first[block.a : block.a + block.size])
         end = block.a + block.size
-    return _first_clauses(re.sub(r"…(?:[^A-Za-z]*…)+", "…", text))
+    # of a list of the same words, one
+    return _first_clauses(re.sub(r"(… [^…]{8,})\1+", r"\1", re.sub(r"…(?:[^A-Za-z]*…)+", "…", text)))
 
 
 def _first_clauses(text: str) -> str:

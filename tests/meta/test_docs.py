@@ -146,7 +146,7 @@ def test_the_figures_of_the_readme_are_those_of_the_defaults() -> None:
     for robot, *_, error, noise in rows:
         names = ("EMPS", "LWR4", "Panda, 70", "TX40", "Double")
         name = next(word for word in names if word[:5].lower() in robot.lower())
-        (line,) = re.findall(rf"^\| ({name}.*, after .*) \|$", measured, re.MULTILINE)
+        (line,) = re.findall(rf"^\| ({name}.*, defaults .*) \|$", measured, re.MULTILINE)
         cells = line.split(" | ")
         assert (cells[1], cells[8]) == (error, noise), robot
     assert len(rows) == 5

@@ -81,8 +81,9 @@ class LargestResidual:
         if self.floor is None:
             return f"{place} and {causes}."
         noise = "white noise" if self.floor.origin is FloorOrigin.WHITE else "noise"
-        little = "which is little, " * (self.floor.ratio < LITTLE)
-        return f"{place}, {number(self.floor.ratio, 2)} times the {noise} of the sensors, {little}and {causes}."
+        size = f"{number(self.floor.ratio, 2)} times the {noise} of the sensors"
+        is_little = self.floor.ratio < LITTLE
+        return f"{place}, only {size}; what remains {causes}." if is_little else f"{place}, {size}, and {causes}."
 
 
 @dataclass(frozen=True)

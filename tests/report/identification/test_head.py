@@ -75,6 +75,11 @@ def test_what_is_above_the_floor_is_not_its_noise():
     assert floor_ratio_text(found.validations[1], "elbow") == "-"
 
 
+def test_a_residual_a_little_above_the_noise_is_called_so():
+    found = at_floor({"elbow": NoiseFloor(0.01, 1.3, 1.4, FloorOrigin.REPEATS)})
+    assert ", only 1.3 times the noise of the sensors; what remains " in judge(found).sentences()[2]
+
+
 def test_every_error_after_the_low_pass_is_called_so_and_the_rms_stands_beside_that_as_measured():
     found = identification_of()
     for log in found.validations:

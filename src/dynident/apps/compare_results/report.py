@@ -126,7 +126,7 @@ def _parameter_lines(diff: ResultComparison) -> Iterator[str]:
     if diff.shared_training:
         yield (
             f"Both were fitted to {join_names(diff.shared_training, 3)} and share its noise: differences are more "
-            "accurate than this test assumes."
+            "accurate than this test assumes, so it is conservative."
         )
 
 

@@ -53,12 +53,13 @@ from dynident.identification.terms.search import (
     renumber_columns,
 )
 from dynident.models import CoupledMotor, Model, Term
-from dynident.models.friction import Dahl, LoadDahl, Ripple
+from dynident.models.friction import Dahl, LoadDahl, LoadRipple, Ripple
 from dynident.motion.log import Motion
 from dynident.regression import EVERYTHING, Selection
 from dynident.runtime import Step, brief, report_progress
 
 Array = NDArray[np.float64]
+RIPPLES = {"ripple": Ripple, "load ripple": LoadRipple}
 PASSES, MAX_RIPPLES = 3, 3  # of the search, by the load of the terms found before; rates of one joint
 TRIAL_SPEEDS = (0.01, 0.02, 0.03, 0.05, 0.1, 0.2)  # of the rms speed, tried as minimum speed
 # of the largest rms speed: a joint that is slower keeps the plain set, of which it shows nothing
@@ -231,7 +232,7 @@ class _TermSelection:
             for j in range(n if turn == PASSES - 2 else 0):
                 report_progress(Step("choosing the terms", (turn + 1) * n + j, (PASSES + 1) * n))
                 # Ripples are searched in the last but one pass, so that the last weighs them against all other kinds.
-                self._find_ripples(searches, columns, residuals, j)
+                self._find_ripples(searches, columns, residuals, j, loads)
             for motor in coupled_motors(self.samples.model) if turn == PASSES - 2 else ():
                 self._find_friction(searches, columns, motor)
         joints = self.samples.model.joints
@@ -344,8 +345,15 @@ class _TermSelection:
     def _other_normals(self, searches: Sequence[JointSearch], j: int) -> Normal:
         return other_joint_normals([search.normal for search in searches], j, self._precision, searches[j].grams.acts)
 
-    def _find_ripples(self, searches: list[JointSearch], columns: list[Array], residuals: list[Array], j: int) -> None:
-        """Add ripples to a joint one by one, at the largest lines in the residual of the other terms."""
+    def _find_ripples(
+        self,
+        searches: list[JointSearch],
+        columns: list[Array],
+        residuals: list[Array],
+        j: int,
+        loads: Sequence[Array],
+    ) -> None:
+        """Add ripples to a joint one by one, also by the load, at the largest lines in the residual of other terms."""
         rows, joints = self.rows[j], self.samples.model.joints
         step = float(np.median(np.diff(self.samples.motions[0].t)))
         q, dq = (self.samples.states[name][:, j] for name in ("q", "dq"))
@@ -354,24 +362,32 @@ class _TermSelection:
             position_residual = PositionResidual(q, dq, residuals[j], block, self.samples.blocks, turns)
             # The largest rate is limited by the sampling at the usual speed of the joint.
             lines = largest_lines(position_residual, 0.5 * np.pi / step / self.excitations[j].speed)
-            terms = tuple(Ripple(joints, on=(joints[j].name,), cycles=(k,), delay=d) for k, d in lines)
-            if not terms:
+            if not lines:
                 return
-            kind = CandidateKind(
-                f"ripple {turn + 1}" if turn else "ripple", partial(fixed_terms, terms), strict=True, reaches=True
-            )
-            group_columns = [columns[j][searches[j].columns]]
+            group_columns, groups = [columns[j][searches[j].columns]], list[TermGroup]()
             # Columns that have entered come first; those of other candidates are no longer needed.
-            group = self._group(kind, terms, j, self.samples.loads(None), group_columns)
+            for name, law in RIPPLES.items() if self.samples.model.load_mask.any() else [("ripple", Ripple)]:
+                terms = tuple(law(joints, on=(joints[j].name,), cycles=(k,), delay=d) for k, d in lines)
+                kind = CandidateKind(
+                    f"{name} {turn + 1}" if turn else name,
+                    partial(fixed_terms, terms),
+                    strict=True,
+                    reaches=True,
+                    needs_load=law.needs_load,
+                )
+                groups.append(self._group(kind, terms, j, loads, group_columns))
             columns[j] = np.concatenate(group_columns)
             entered = renumber_columns(searches[j].entered)
             grams = self._grams(rows, columns[j])
-            searches[j] = search = replace(searches[j], grams=grams, groups=(group,), entered=list(entered), trials={})
+            searches[j] = search = replace(
+                searches[j], grams=grams, groups=tuple(groups), entered=list(entered), trials={}
+            )
             search.forward(search.beside(self._other_normals(searches, j)))
             self.trials[j] |= search.trials
             if len(search.entered) == len(entered):
                 return
-            self.ripples[j].append(replace(kind, sizes=partial(fixed_terms, (search.entered[-1].term,))))
+            entry = search.entered[-1]
+            self.ripples[j].append(replace(entry.group.kind, sizes=partial(fixed_terms, (entry.term,))))
             residuals[:] = self._update_weights(searches, columns)
 
     def _find_friction(self, searches: Sequence[JointSearch], columns: Sequence[Array], motor: CoupledMotor) -> None:

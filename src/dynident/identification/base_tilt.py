@@ -7,7 +7,6 @@ the search has two unknowns.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -16,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.estimators import Estimator, Problem
 from dynident.estimators.least_squares import solve_least_squares
+from dynident.identification.calibration_std import correlated_std
 from dynident.identification.cross_validation import FOLDS, Gain, factors_by_fold, gain_from_errors, prediction_errors
 from dynident.identification.mounting import find_mounting, tilt_base
 from dynident.identification.time_offset import trial_samples
@@ -27,15 +27,12 @@ from dynident.regression import (
     Regression,
     Selection,
     TriangularFactors,
-    base_parameters,
     factorise,
     fitted_mask,
     merge_factors,
     rank_of,
 )
-from dynident.regression.whitening import long_run
-from dynident.runtime import ModelError, Note, Severity, angles, percent
-from dynident.validation import ColouredFit
+from dynident.runtime import Note, Severity, angles, percent
 
 Array = NDArray[np.float64]
 MAX_TILT = 0.2  # rad: a larger tilt is intended mounting
@@ -166,7 +163,7 @@ def _search_tilt(
     lines, e = solution.jac.reshape(n, -1, 2), solution.fun.reshape(n, -1)
     ends = np.cumsum([len(motion) for motion in thin])[:-1]
     regression = Regression(tilt_base(model, *(solution.x + mounting)), thin, selection.unfiltered)
-    std = _correlated_std(np.split(lines, ends, axis=1), np.split(e, ends, axis=1), regression)
+    std = correlated_std(np.split(lines, ends, axis=1), np.split(e, ends, axis=1), regression)
     x, y = (float(v) for v in mounting + solution.x * (np.abs(solution.x) > 2.0 * std))
 
     def error(x: float, y: float) -> float:
@@ -233,37 +230,6 @@ def _solve_with_std(triangular: TriangularFactors) -> tuple[Array, Array]:
     )
 
 
-def _correlated_std(lines: Sequence[Array], residuals: Sequence[Array], regression: Regression) -> Array:
-    """Return the standard errors (2) of both angles where residuals are correlated: of A^-1 S A^-1.
-
-    ``lines`` (n, N, 2) are the derivatives of the ``residuals`` (n, N) of each motion by the angles, from which all
-    other parameters are eliminated; ``regression`` is that at the tilt. Infinite for angles that have no effect.
-    """
-    from scipy.signal import lfilter
-
-    A = sum(np.einsum("jti,jtk->ik", line, line) for line in lines)
-    if not np.all(np.diag(A) > 0):
-        return np.full(2, np.inf)
-    S = long_run([np.einsum("jti,jt->ti", line, e) for line, e in zip(lines, residuals, strict=True)])
-    # The other parameters took their share of the slow errors: the noise before that, as AR(1), may tell more.
-    coloured = np.zeros((2, 2))
-    for j, (v, rho) in enumerate(_noise_of(regression)):
-        for line in lines:
-            sums = line[j].T @ lfilter([1.0], [1.0, -rho], line[j], axis=0)
-            coloured += v * (sums + sums.T - line[j].T @ line[j])
-    inverse = np.linalg.pinv(A)
-    return np.asarray(np.sqrt(np.maximum(*(np.diag(inverse @ part @ inverse) for part in (S, coloured)))))
-
-
-def _noise_of(regression: Regression) -> Iterator[tuple[float, float]]:
-    """Yield variance and correlation of neighbours of each joint's residual by least squares, none if not known."""
-    factor, parameters = regression.triangular_factors.stack(), regression.model.parameters
-    columns = base_parameters(factor, parameters).independent
-    with suppress(ModelError, np.linalg.LinAlgError):  # nearly dependent columns
-        fit = ColouredFit.of(regression, solve_least_squares(factor).value, None, columns)
-        yield from zip(fit.v.tolist(), fit.rho.tolist(), strict=True)
-
-
 def _linear_std(
     model: Model,
     motions: tuple[Motion, ...],
@@ -285,7 +251,7 @@ def _linear_std(
         )
         torque = model.torque(**states, theta=directions @ fit.value[:r]) + np.tensordot(fit.value[r:], slope, 1)
         residuals.append((motion.tau - torque).T * used)
-    return _correlated_std(lines, residuals, Regression(model, motions, selection.unfiltered))
+    return correlated_std(lines, residuals, Regression(model, motions, selection.unfiltered))
 
 
 def _project_factors(triangular: TriangularFactors, directions: Array) -> TriangularFactors:

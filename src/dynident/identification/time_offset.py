@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.identification.calibration_std import correlated_std
 from dynident.identification.cross_validation import (
     Gain,
     SmootherChoice,
@@ -237,6 +238,7 @@ def _find_within(
     takes_slope = error(refined) < (1.0 + MIN_ERROR_REDUCTION) * after
     if takes_slope:
         best, after = refined, error(refined)
+    std = max(std, _offset_std(model, motions, rows, best, fit))
     no_offset = TimeOffset(0.0, before, before, std)
     if not after < (1.0 - MIN_ERROR_REDUCTION) * before or abs(best) < MIN_SIGNIFICANCE * std:
         return no_offset
@@ -320,13 +322,10 @@ def _refine_offset(
     standard error is sqrt(S) / f'', with S the long-run covariance of the samples' shares in f'. Derivatives are
     differences over a few ms, over which noise in the motion counts for nothing.
     """
-    interval = max(float(np.median(np.diff(motion.t))) for motion in motions)
-    # whole samples: between two, interpolation makes the noise of the motion less
-    h = interval * float(np.ceil(SLOPE_STEP / interval))
-    offset, std = best, np.inf
+    h, offset, std = _slope_step(motions), best, np.inf
     for _ in range(MAX_NEWTON_STEPS):
         forward, central, backward = (
-            _squared_residuals(model, _shift_motions(motions, rows, offset + side * h), fit)
+            [np.square(e).sum(axis=0) for e in _residuals(model, _shift_motions(motions, rows, offset + side * h), fit)]
             for side in (1.0, 0.0, -1.0)
         )
         # Second difference for the curvature, central differences of the samples for the scores.
@@ -345,13 +344,31 @@ def _refine_offset(
     return offset, std
 
 
-def _squared_residuals(
-    model: Model, motions: tuple[Motion, ...], fit: Callable[[TriangularFactors], Array]
-) -> list[Array]:
-    """Return the squared residual torque, summed over the joints, for each motion (N)."""
+def _slope_step(motions: Sequence[Motion]) -> float:
+    """Return the step (s) of derivatives: whole samples, as between two interpolation makes the noise less."""
+    interval = max(float(np.median(np.diff(motion.t))) for motion in motions)
+    return interval * float(np.ceil(SLOPE_STEP / interval))
+
+
+def _offset_std(
+    model: Model,
+    motions: Sequence[Motion],
+    rows: Sequence[NDArray[np.intp]],
+    offset: float,
+    fit: Callable[[TriangularFactors], Array],
+) -> float:
+    """Return the standard error (s) of an offset, with the slow noise that the fit took up."""
+    h = _slope_step(motions)
+    later, here, earlier = (_shift_motions(motions, rows, offset + side * h) for side in (1.0, 0.0, -1.0))
+    pairs = zip(_residuals(model, later, fit), _residuals(model, earlier, fit), strict=True)
+    lines = [(forward - backward)[..., None] / (2 * h) for forward, backward in pairs]
+    return float(correlated_std(lines, _residuals(model, here, fit), Regression(model, here))[0])
+
+
+def _residuals(model: Model, motions: tuple[Motion, ...], fit: Callable[[TriangularFactors], Array]) -> list[Array]:
+    """Return the residual torque (n, N) that is fitted, of each motion."""
     value = fit(Regression(model, motions).triangular_factors)
-    residuals = [motion.tau - model.torque(**motion.states(), theta=value) for motion in motions]
-    return [np.square(e * fitted_mask(motion)).sum(axis=1) for e, motion in zip(residuals, motions, strict=True)]
+    return [((motion.tau - model.torque(**motion.states(), theta=value)) * fitted_mask(motion)).T for motion in motions]
 
 
 def fit_directions(triangular: TriangularFactors, directions: Array) -> Array:

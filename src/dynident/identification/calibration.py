@@ -162,17 +162,19 @@ def prepare(
     recipe: Recipe,
     executor: Executor | None = None,
     cache: dict[int, tuple[Motion, ...]] | None = None,
+    angles: tuple[float, float] | None = None,
 ) -> Preparation:
     """Align torque and motion, smooth all logs, and level the base, with the model as it is before a fit.
 
-    ``cache`` keeps the motions by each smoother that is tried, for another call with other terms.
+    ``cache`` keeps the motions by each smoother that is tried, for another call with other terms. The alignment is on a
+    base tilted by ``angles`` (rad), where these are known: the torque of a tilt can look like a time offset.
     """
     selection = recipe.selection(model.joints)
     model, estimator = preliminary_setup(model, recipe)
     # Smoother and time offset come first: everything else depends on the smoothed motion.
     alignment = align_motion(
-        model, data.train_logs, recipe.smoothers, recipe.time_offset, selection, executor=executor, cache=cache,
-        by_joint=recipe.terms is None,
+        model if angles is None else tilt_base(model, *angles), data.train_logs, recipe.smoothers, recipe.time_offset,
+        selection, executor=executor, cache=cache, by_joint=recipe.terms is None,
     )  # fmt: skip
     motions = data.motions(model, alignment.smoother, recipe)
     if recipe.base_tilt is None:
@@ -263,6 +265,15 @@ MAX_ROUNDS = 1  # of terms and alignment in turn, after the first
 MAX_SAME_OFFSET, MAX_SAME_TILT = 2e-4, 5e-3  # s, rad: a smaller change of the alignment does not change the terms
 
 
+def prepare_in_rounds(model: Model, data: Dataset, recipe: Recipe, executor: Executor | None = None) -> Preparation:
+    """Return the preparation of a model whose terms are given, aligned again on the base if that proves tilted."""
+    cache: dict[int, tuple[Motion, ...]] = {}
+    preparation = prepare(model, data, recipe, executor, cache)
+    if preparation.tilt is None or not any(preparation.angles or ()):
+        return preparation
+    return prepare(model, data, recipe, executor, cache, preparation.angles)
+
+
 def choose_in_rounds(
     model: Model, data: Dataset, recipe: Recipe, executor: Executor | None = None
 ) -> tuple[ChosenTerms, Preparation]:
@@ -276,7 +287,7 @@ def choose_in_rounds(
     for _ in range(MAX_ROUNDS):
         # All is aligned anew by the terms that were chosen, with their load, and what no longer gains is dropped.
         load = terms.choice.load if terms.model.needs_load else None
-        aligned = prepare(replace(terms.model, load=load), data, terms.recipe, executor, cache)
+        aligned = prepare(replace(terms.model, load=load), data, terms.recipe, executor, cache, preparation.angles)
         if aligned.is_near(preparation):
             preparation = aligned
             break

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
 from dynident.identification.base_tilt import BaseTilt
-from dynident.identification.calibration import Calibration, ChosenTerms, calibrate, choose_in_rounds, prepare
+from dynident.identification.calibration import Calibration, ChosenTerms, calibrate, choose_in_rounds, prepare_in_rounds
 from dynident.identification.dataset import Dataset, NotFitted, RoleMotions, exclusion_notes, substitute_notes
 from dynident.identification.motion_errors import MotionErrors, motion_errors
 from dynident.identification.outliers import held_out_outliers
@@ -63,7 +63,7 @@ def identify(
         data = Dataset.of(train, validation, recipe, tuple(joint.name for joint in model.joints))
         terms: ChosenTerms | None = None
         if recipe.terms is None:
-            preparation = prepare(model, data, recipe, executor)
+            preparation = prepare_in_rounds(model, data, recipe, executor)
         else:
             terms, preparation = choose_in_rounds(model, data, recipe, executor)
             model, recipe = terms.model, terms.recipe

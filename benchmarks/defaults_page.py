@@ -27,7 +27,7 @@ def page(text: str, kept: Row) -> str:
 
 def robots(rows: Mapping[str, Mapping[str, Row]]) -> str:
     """Return the rows, those of a robot together, as Markdown."""
-    head = "| | held out, % | reported, % | by joint, % | train, % | terms | s of CPU | mark | noise | oracle |"
+    head = "| | held out, % | reported, % | by joint, % | train, % | terms | s of CPU | mark | noise | refit |"
     lines = [head, "|" + "---|" * 10]
     for name, robot in ROBOTS.items():
         for label, shown in LABELS.items():
@@ -54,7 +54,7 @@ def peers(rows: Mapping[str, list[Row]]) -> str:
 
 def laws(rows: Mapping[str, Row]) -> str:
     """Return the scores of the laws of friction as Markdown."""
-    lines = ["| | found | wrong | same speed | twice as fast | missed | entered |", "|" + "---|" * 7]
+    lines = ["| | found | wrong | same speed | twice as fast | terms missed | wrong terms added |", "|" + "---|" * 7]
     for law, one in rows.items():
         found = f"{one['found']} of {one['needed']}" if one["needed"] else ""
         figures = [law, found, f"{one['wrong']} of {one['joints']}", f"{one['same']:.3f}", f"{one['fast']:.3f}"]
@@ -73,7 +73,7 @@ def cells(robot: Robot, row: Row) -> list[str]:
     terms = worded(row["chosen"]["terms"], len(one["joints"]))
     figures = one["error"], one["as_validated"], train["error"], row["seconds"]
     held, reported, trained, seconds = (f"{value:.3g}" for value in figures)
-    return [held, reported, joints, trained, terms, seconds, mark, robot.floor, robot.oracle]
+    return [held, reported, joints, trained, terms, seconds, mark, robot.floor, robot.refit]
 
 
 def held_out(row: Row) -> Row | None:

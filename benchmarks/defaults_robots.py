@@ -18,7 +18,7 @@ class Robot:
     says beside; the marks.
 
     Windows (s) are those to fit and to judge by. ``mark`` is the error (%) that is aimed at on the first held-out log,
-    ``floor`` what the noise of its torque leaves, ``oracle`` what a fit to the held-out log itself leaves.
+    ``floor`` what the noise of its torque leaves, ``refit`` what a fit to the held-out log itself leaves.
     """
 
     title: str
@@ -30,7 +30,7 @@ class Robot:
     more: tuple[str, ...] = ()  # further recordings held out
     example: str = ""  # the configuration set by hand
     floor: str = ""
-    oracle: str = ""
+    refit: str = ""
 
 
 RAIL = """<robot name="emps"><link name="rail"/><link name="carriage"/><joint name="slider" type="prismatic">
@@ -58,7 +58,7 @@ ROBOTS: Mapping[str, Robot] = {
         {"torque": {"slider": {"column": "vir", "gain": "gtau", "unit": "N"}}},
         example="emps",
         floor="0.2",
-        oracle="6.0",
+        refit="6.0",
     ),
     "lwr4": Robot(
         "LWR4, on a repeat",
@@ -67,16 +67,16 @@ ROBOTS: Mapping[str, Robot] = {
         2.1,
         example="lwr4",
         floor="about 0",
-        oracle="0.6",
+        refit="0.6",
     ),
     "panda": Robot(
-        "Panda, 70 % to 30 %",
+        "Panda, fit 70 %, test 30 %",
         "panda/panda.urdf",
         (_PANDA,),
         2.7,
         windows=((0.0, 14.7), (14.7, None)),
         floor="0.5",
-        oracle="2.0",
+        refit="2.0",
     ),
     "panda_period": Robot(
         "Panda, within one period",
@@ -88,7 +88,7 @@ ROBOTS: Mapping[str, Robot] = {
         floor="0.5",
     ),
     "tx40": Robot(
-        "TX40, 5 s to 2.4 s",
+        "TX40, fit 5 s, test 2.4 s",
         "tx40/tx40_mdh_modified.urdf",
         ("tx40/pos_read_data.csv+tx40/curr_data.csv",),
         15.5,
@@ -96,10 +96,10 @@ ROBOTS: Mapping[str, Robot] = {
         ((0.0, 5.0), (5.0, 7.4)),
         example="tx40",
         floor="13.9",
-        oracle="15.6",
+        refit="15.6",
     ),
     "double_pendulum": Robot(
-        "Double pendulum, 50 s to 25 s",
+        "Double pendulum, fit 50 s, test 25 s",
         "double_pendulum/double_pendulum.urdf",
         (_PENDULUM.format("061157"),),
         9.5,
@@ -108,6 +108,6 @@ ROBOTS: Mapping[str, Robot] = {
         tuple(_PENDULUM.format(name) for name in PENDULUM),
         example="double_pendulum",
         floor="6.4",
-        oracle="8.2",
+        refit="8.2",
     ),
 }

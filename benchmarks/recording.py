@@ -57,7 +57,7 @@ MOTIONS = {
     "twice the speed": sines(1, speed=2.0),
     "a third of the range, same frequencies": sines(1, size=1 / 3),
     "one joint after the other, others at zero": one_by_one(centre=True),
-    "one joint after the other, in other poses": one_by_one(centre=False),
+    "one joint after the other, others in new poses": one_by_one(centre=False),
 }
 
 

@@ -144,7 +144,7 @@ def test_the_figures_of_the_readme_are_those_of_the_defaults() -> None:
     measured = (ROOT / "docs" / "defaults.md").read_text(encoding="utf-8")
     rows = [row for row in table(ROOT / "README.md", "Accuracy") if row[0]]
     for robot, *_, error, noise in rows:
-        names = ("EMPS", "LWR4", "Panda, 70", "TX40", "Double")
+        names = ("EMPS", "LWR4", "Panda, fit", "TX40", "Double")
         name = next(word for word in names if word[:5].lower() in robot.lower())
         (line,) = re.findall(rf"^\| ({name}.*, defaults .*) \|$", measured, re.MULTILINE)
         cells = line.split(" | ")

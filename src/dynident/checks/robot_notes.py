@@ -75,7 +75,7 @@ class TermKind(StrEnum):
     )
     SATURATION = (
         "torque that saturates",
-        "a torque that saturates, by this share at its rms,",
+        "saturation that lowers the torque by this share at its rms,",
         "Check whether the drive saturates, and how torque was computed from current.",
     )
     COUPLED = "coupled motor", "a motor that turns with both joints", "Add it to `couplings` of the model."

@@ -11,7 +11,8 @@ import pytest
 
 from dynident.estimators import LeastSquares
 from dynident.identification import Identification, NextStep, Recipe, identify
-from dynident.identification.next_steps import TrainingParts, _odd_parts, _place, next_steps, parts_of
+from dynident.identification.next_steps import _odd_parts, _place, next_steps
+from dynident.identification.training_parts import TrainingParts, parts_of
 from dynident.identification.verdict_steps import (
     Cover,
     ExcitingMotion,

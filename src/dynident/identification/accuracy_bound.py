@@ -19,11 +19,11 @@ from dynident.motion.log import Log, Motion
 from dynident.motion.splines import grid_step, noise_sigma, steady_noise
 from dynident.regression import BaseParameters, Regression, Selection, base_parameters, rank_of_information
 from dynident.runtime import ConfigError, InputError, Noun, choices, join_names, report_progress
+from dynident.runtime.arrays import Array
 
 if TYPE_CHECKING:
     import polars as pl
 
-Array = NDArray[np.float64]
 TorqueNoise = Literal["residual", "sensor"]
 # improvements: divisors of sigma_q and sigma_tau, and multiple of the length of the record
 CHANGES: Mapping[str, tuple[float, float, float]] = {

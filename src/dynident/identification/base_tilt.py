@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.estimators import Estimator, Problem
 from dynident.estimators.least_squares import solve_least_squares
@@ -33,8 +33,8 @@ from dynident.regression import (
     rank_of,
 )
 from dynident.runtime import Note, Severity, angles, percent
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_TILT = 0.2  # rad: a larger tilt is intended mounting
 MAX_AFFINE_ERROR = 1e-10  # of the largest entry: to what the rows must be affine in gravity
 MIN_GAIN = 2.0  # % of the squared cross-validated error that a tilt must remove

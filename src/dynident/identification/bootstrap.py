@@ -29,12 +29,12 @@ from dynident.regression import (
     one_thread,
 )
 from dynident.runtime import ConfigError, InputError, Noun, Step, call_part, report_progress
+from dynident.runtime.arrays import Array
 from dynident.runtime.jobs import Limits, Status, run_jobs
 
 if TYPE_CHECKING:
     import polars as pl
 
-Array = NDArray[np.float64]
 Draw = tuple[int, tuple[int, ...]]  # the number of a repetition, and how often it has each stretch
 MIN_STRETCHES = 10  # stretches, below which what is drawn from them says little
 MIN_STRETCH_SAMPLES = 20  # usable samples of a stretch

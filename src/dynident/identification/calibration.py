@@ -7,7 +7,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Estimate, Estimator, Problem
 from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt
@@ -69,7 +68,6 @@ def with_load(
     return loaded_model
 
 
-Array = NDArray[np.float64]
 PLAIN_TERMS = (RotorInertia, Viscous, Coulomb, Offset)
 
 

@@ -16,9 +16,9 @@ from dynident.motion.log import Log, Motion, spread_pieces, subsample
 from dynident.motion.smoothers import Smoother, TimeShifted, smooth_log, strip_time_offset
 from dynident.regression import EVERYTHING, Regression, Selection, TriangularFactors, factorise, fitted_mask, rank_of
 from dynident.runtime import ConfigError, InputError, Step, brief, part_text, percent, report_progress, short
+from dynident.runtime.arrays import Array
 from dynident.runtime.jobs import run_jobs
 
-Array = NDArray[np.float64]
 FOLDS = 10
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
@@ -26,6 +25,7 @@ from dynident.motion.log import Log
 from dynident.motion.smoothers import smooth_log, strip_time_offset
 from dynident.regression import Regression, one_thread
 from dynident.runtime import Note, Step, call_part, report_progress
+from dynident.runtime.arrays import Array
 from dynident.validation import (
     FreeRun,
     LogValidation,
@@ -38,7 +38,6 @@ from dynident.validation import (
     with_floors,
 )
 
-Array = NDArray[np.float64]
 MAX_CORRECTED_BIAS = 0.1  # share of the torque above which a bias by errors of the motion is too large to be corrected
 ROLES: tuple[Literal["train", "validation"], ...] = ("train", "validation")
 

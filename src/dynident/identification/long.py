@@ -14,7 +14,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Estimate, Pieces, Problem
 from dynident.estimators.notes import LimitedByMotion, MotionCorrected
@@ -57,9 +56,9 @@ from dynident.runtime import (
     percent,
     report_progress,
 )
+from dynident.runtime.arrays import Array
 from dynident.validation import clustered_std
 
-Array = NDArray[np.float64]
 MEMORY_DURATION = 10.0  # s before a piece from which terms that remember are followed
 
 

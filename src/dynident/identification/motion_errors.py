@@ -14,7 +14,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Estimate
 from dynident.estimators.least_squares import solve_least_squares, weight_joints
@@ -33,9 +32,8 @@ from dynident.motion.smoothers import Smoother, strip_time_offset
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import Regression, TriangularFactors, base_parameters, base_std, factorise, merge_factors
 from dynident.runtime import InputError, ModelError, Noun, call_part
+from dynident.runtime.arrays import Array
 from dynident.validation import correlated_std
-
-Array = NDArray[np.float64]
 
 
 class RepetitionFactors(Noun):

@@ -15,9 +15,9 @@ from dynident.motion.smoothers.smoother import MAX_SPIKE_SHARE, MAX_WRONG_TORQUE
 from dynident.motion.splines import LONGEST_SPIKE, bridge_gaps, median_sigma
 from dynident.regression import BLOCK, EVERYTHING, Regression, Selection
 from dynident.runtime import Note, Noun, count, percent
+from dynident.runtime.arrays import Array
 from dynident.validation import LogValidation, relative_error
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MAX_ENTRIES = 400_000  # samples of all motions together times parameters: enough for a fit that only finds outliers

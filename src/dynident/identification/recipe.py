@@ -20,8 +20,8 @@ from dynident.motion.smoothers import Smoother, Spline, position_noise, repair_l
 from dynident.motion.splines import stretches
 from dynident.regression import EVERYTHING, ParallelFilter, Selection
 from dynident.runtime import OMITTED, ConfigError, Note, Severity, choices, settings_repr, short
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 BLOCK_DURATION = 0.1  # s: a joint that stays within its noise so long stands still
 # times the noise, share of the usual pace: what a joint at rest moves in a block at most

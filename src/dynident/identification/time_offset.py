@@ -32,8 +32,8 @@ from dynident.motion.smoothers import Smoother, TimeShifted, smooth_log, strip_t
 from dynident.regression import EVERYTHING, Regression, Selection, TriangularFactors, fitted_mask, fitted_rows, rank_of
 from dynident.regression.whitening import long_run
 from dynident.runtime import Note, Severity, Step, percent, report_progress, short
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_ENTRIES = 200_000  # samples of all logs together times parameters: one or two unknowns need no more
 MIN_SAMPLES = 200  # least number of samples to estimate a time offset
 TRIAL_OFFSETS = (

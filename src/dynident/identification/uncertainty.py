@@ -6,7 +6,6 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Estimate
 from dynident.estimators.least_squares import weight_joints
@@ -25,9 +24,9 @@ from dynident.regression import (
     structural_base_parameters,
 )
 from dynident.runtime import ModelError, report_progress
+from dynident.runtime.arrays import Array
 from dynident.validation import ColouredFit, correlated_std, plain_std, robust_covariance
 
-Array = NDArray[np.float64]
 RobustStd = Callable[..., Array]  # as ``correlated_std``
 # of the data: residuals are allowed to be correlated as long, where white noise hides how long they are
 MAX_LAG_SHARE = 0.025

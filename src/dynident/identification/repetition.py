@@ -71,10 +71,8 @@ class LogPiece(Noun):
     def smoothed_errors(self, e: Array) -> tuple[Array, Array, Array]:
         """Return the errors of q, dq and ddq that the smoother makes of errors e (N, n) of the positions."""
         # The difference of two smoothings: a smoother need not be linear at the ends or where it repairs.
-        without, with_e = (
-            self.clean_motion,
-            call_part(strip_time_offset(self.smoother), replace(self.clean, q=self.clean.q + e), Motion),
-        )
+        without = self.clean_motion
+        with_e = call_part(strip_time_offset(self.smoother), replace(self.clean, q=self.clean.q + e), Motion)
         return with_e.q - without.q, with_e.dq - without.dq, with_e.ddq - without.ddq
 
     def torque(self, model: Model, theta: Array, e: Array, *, corrected: bool = True) -> Array:

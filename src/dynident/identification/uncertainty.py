@@ -106,9 +106,7 @@ class FitUncertainty:
         to_axes, back = size[:, None] * axes * scale, (axes / size[:, None]).T / scale[:, None]
         R = triangular.factors[:, :, columns]
         if regression.whitening is None:
-            projections = np.einsum(
-                "j,jik,ji->kj", w**2, triangular.factors[:, :, columns], triangular.factors[:, :, -1]
-            )
+            projections = np.einsum("j,jik,ji->kj", w**2, R, triangular.factors[:, :, -1])
         else:  # a row is not of one joint
             projections = regression.weighted_products(_fitted_torques(regression), w)[columns]
         shares = np.square(w[:, None, None] * (R @ back)).sum(axis=(1, 2)) / len(columns)

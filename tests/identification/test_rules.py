@@ -38,14 +38,6 @@ def with_errors(found: Identification, trained: dict[str, Any], **held: Any) -> 
     )
 
 
-def test_a_robot_file_reaches_good_for_simulation(arm: Identification) -> None:
-    verdict = judge(arm)
-    assert verdict.use is Use.SIMULATION
-    assert verdict.reasons == ()
-    assert arm.estimate.consistency is not None
-    assert min(arm.estimate.consistency.eigenvalues.values()) > 0
-
-
 def test_bodies_must_have_been_held_to_physics(arm: Identification) -> None:
     consistency = arm.estimate.consistency
     assert consistency is not None

@@ -34,7 +34,6 @@ from tests.identification.motions import sines
 
 ARM = two_link_arm()
 SMALL = DivisionSettings(excerpts=3, excerpt=1500, piece=1000, pieces=10, shortest=500)
-assert ARM.values is not None
 THETA = ARM.values
 
 
@@ -105,7 +104,6 @@ def test_the_estimate_is_that_of_the_whole_to_rounding(
     np.testing.assert_allclose(found.estimate.residual.sigma, whole.estimate.residual.sigma, rtol=1e-8)
     assert found.estimate.residual.samples == whole.estimate.residual.samples
     pieces = found.estimate.residual.pieces
-    assert pieces is not None
     torque = np.sqrt((pieces.rows * pieces.torque**2).sum(axis=0) / pieces.rows.sum(axis=0))
     np.testing.assert_allclose(torque, [np.sqrt(np.mean(x**2)) for x in LOG.tau.T], rtol=0.1)
     note = next(one for one in found.notes if isinstance(one, InPieces))
@@ -135,7 +133,6 @@ def test_a_change_is_seen_in_the_pieces() -> None:
     changed = replace(LOG, tau=LOG.tau + np.where(late, [0.5, 0.0], 0.0))
     found = in_pieces(plan_pieces(ARM, [Held(changed)], Recipe(Spline(sigma=1e-5)), SMALL))
     pieces = found.estimate.residual.pieces
-    assert pieces is not None
     left = pieces.residual[:, 0]
     assert left[pieces.begins > 46].min() > 2 * left[pieces.ends < 44].max()
     assert pieces.relative_error[0] > 3 * pieces.relative_error[1]

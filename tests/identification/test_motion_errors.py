@@ -59,9 +59,7 @@ def log(seed: int, sigma: float = SIGMA) -> Log:
 def predicted(one: Log, smoother: Smoother, parallel_filter: ParallelFilter | None = None) -> MotionErrors:
     motions = (smoother(one),)
     regression = Regression(MODEL, motions, Selection(parallel_filter))
-    found = motion_errors([one], regression, smoother, LeastSquares()(Problem(MODEL, motions, regression)))
-    assert found is not None
-    return found
+    return motion_errors([one], regression, smoother, LeastSquares()(Problem(MODEL, motions, regression)))
 
 
 def plain(one: Log, smoother: Smoother, parallel_filter: ParallelFilter | None = None) -> np.ndarray:
@@ -112,7 +110,6 @@ def test_intervals_of_a_robust_fit_hold() -> None:
         estimate = robust(Problem(MODEL, regression.motions, regression))
         rows = estimate.residual.weight_rows(regression)
         found = motion_errors([one], rows, WIDE, estimate)
-        assert found is not None
         errors, _ = identifiability_of(rows, estimate, found.covariance)
         held.append(np.abs(estimate.value - found.bias - TRUTH) < NORMAL_95 * errors.std)
         before.append(np.abs(estimate.value - TRUTH) < NORMAL_95 * estimate.std)
@@ -183,7 +180,6 @@ def test_noise_that_is_less_between_samples_is_no_time_offset() -> None:
     one, known = record(motion, 1e-4, 0.01, rng).log, Spline(sigma=1e-4)
     assert abs(find_time_offset(ARM, [known(one)]).seconds) > 5e-4
     found = align_motion(ARM, [one], [known], "estimate").time_offset
-    assert found is not None
     assert found.seconds == 0.0
 
 
@@ -212,7 +208,6 @@ def corrected_errors(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         for piece in pieces_of(MODEL, log.rows(part, ""), one.shift(0.0, part), WIDE, value, 1.0)
     ]
     found = sampled_bias(repeated, MODEL, np.ones(1))
-    assert found is not None
     parts = [Regression(MODEL, (one,)).triangular_factors for one in motions]
     plain = clustered_std(lambda: parts, regression, value)
     wide = np.sqrt(plain**2 + np.diag(found.covariance) + found.remainder**2)
@@ -239,8 +234,6 @@ def test_pieces_without_rows_do_not_count_and_one_is_too_few() -> None:
     none = RepetitionFactors(empty, empty)
     assert sampled_bias([found, none], MODEL, np.ones(1)) is None
     both, more = sampled_bias([found, found], MODEL, np.ones(1)), sampled_bias([found, none, found], MODEL, np.ones(1))
-    assert both is not None
-    assert more is not None
     np.testing.assert_allclose(more.bias, both.bias, rtol=1e-9)
     np.testing.assert_allclose(both.covariance, 0.0, atol=1e-12 * np.square(both.bias).max())
     assert both.remainder == pytest.approx(more.remainder)

@@ -95,7 +95,6 @@ def test_what_is_left_at_reversals_is_an_upper_limit_of_the_gain() -> None:
     found = fitted(moved("train", late=0.008), moved("held", (2.4, 4.3), seed=1, late=0.008))
     (step,) = of_kind(found, SlowReversals)
     right = fitted(moved("train"), moved("held", (2.4, 4.3), seed=1))
-    assert step.gain is not None
     assert 0.5 * (error(found) - error(right)) < step.gain < 1.1 * (error(found) - error(right))
     dq = judged_log(found).motion.dq
     assert step.speeds == pytest.approx((0.05 * np.sqrt(np.mean(dq**2)),), rel=0.01)

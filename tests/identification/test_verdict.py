@@ -61,8 +61,6 @@ def test_a_good_model_is_good_for_simulation(good: Identification) -> None:
     assert (verdict.reasons, verdict.next) == ((), ())
     held, train = good.validations[1], good.validations[0]
     assert verdict.held_out == HeldOut(held.errors.relative_error, train.errors.relative_error, None)
-    assert verdict.run is not None
-    assert verdict.residual is not None
     assert (verdict.run.joint, verdict.residual.joint, verdict.residual.log) == ("slider", "slider", "fast")
     assert verdict.run.error == max(run.motion_error["slider"] for run in good.runs)
     assert verdict.residual.causes == held.residuals["slider"].causes
@@ -262,7 +260,6 @@ def test_what_residuals_point_to_becomes_advice(good: Identification) -> None:
         (step,) = with_part(good, 1, residuals={"slider": told}).next
         assert isinstance(step, kind)
         assert step.joints == ("slider",)
-        assert step.gain is not None
         assert 0 < step.gain < good.validations[1].errors.relative_error
 
 

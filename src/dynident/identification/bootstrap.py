@@ -179,8 +179,7 @@ def _stretches(regression: Regression, blocks: int) -> Sequence[RegressionPart]:
     if len(stretches) < MIN_STRETCHES:
         raise InputError(
             f"{samples} samples of training are {len(stretches)} stretches of at least {MIN_STRETCH_SAMPLES} "
-            f"to draw from; {MIN_STRETCHES} are "
-            "needed: record longer."
+            f"to draw from; {MIN_STRETCHES} are needed: record longer."
         )
     return stretches
 

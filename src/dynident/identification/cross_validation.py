@@ -47,9 +47,7 @@ def motion_gain(model: Model, before: Sequence[Motion], after: Sequence[Motion],
     Both have the same samples and are compared on those that both fit, so that neither wins by leaving samples
     out.
     """
-    common = [
-        fitted_mask(old_motion) & fitted_mask(new_motion) for old_motion, new_motion in zip(before, after, strict=True)
-    ]
+    common = [fitted_mask(old) & fitted_mask(new) for old, new in zip(before, after, strict=True)]
     old, new = (
         left_out_errors(
             model, motions, [replace(motion, keep=keep) for motion, keep in zip(motions, common, strict=True)], folds

@@ -218,16 +218,10 @@ def motion_errors(
         bias, bias_covariance = repeated.bias(parts)
         worst = largest_residuals(parts)
         # Draws of the noise as torque errors of the corrected motion; those larger than any residual did not happen.
-        torques = [
-            np.stack(
-                [
-                    drop_unlikely_errors(part.torque(model, estimate.value, part.noise(rng)), worst)
-                    for _ in range(NOISE_DRAWS)
-                ],
-                axis=2,
-            )
-            for part in parts
-        ]
+        torques = []
+        for part in parts:
+            draws = [part.torque(model, estimate.value, part.noise(rng)) for _ in range(NOISE_DRAWS)]
+            torques.append(np.stack([drop_unlikely_errors(e, worst) for e in draws], axis=2))
     except InputError:
         return None
     ones = _unit_weights(weights, triangular.rows)

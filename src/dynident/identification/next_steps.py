@@ -257,9 +257,7 @@ def _coverage_step(identification: Identification, log: LogValidation) -> Cover 
     motion = log.motion
     ratios = []
     for name in ("dq", "ddq"):
-        largest = np.max(
-            [np.abs(getattr(train_motion, name)[train_motion.mask]).max(axis=0) for train_motion in train], axis=0
-        )
+        largest = np.max([np.abs(getattr(x, name)[x.mask]).max(axis=0) for x in train], axis=0)
         ratios.append(np.abs(getattr(motion, name)) / np.where(largest > 0, largest, np.inf))
     # Accelerations grow with the square of the speed: both become a factor of speed.
     faster = np.maximum(ratios[0], np.sqrt(ratios[1]))

@@ -145,12 +145,7 @@ def _free_joints(
     )
     theta_all = _fit_parameters(model, few_motions, selection)
     before, after = (
-        np.concatenate(
-            [
-                np.where(_keep_mask(motion), motion.tau - _model_torque(model, motion, value), 0.0)
-                for motion in few_trusted
-            ]
-        )
+        np.concatenate([np.where(_keep_mask(x), x.tau - _model_torque(model, x, value), 0.0) for x in few_trusted])
         for value in (theta, theta_all)
     )
     # A constant torque that contradicts the model would make the fit of other joints worse.

@@ -279,12 +279,7 @@ def _speed_share(identification: Identification) -> float:
     Each joint counts relative to its own speed.
     """
     held_out, train = (
-        np.array(
-            [
-                np.sqrt(np.mean(validation.motion.dq[validation.motion.mask] ** 2, axis=0))
-                for validation in identification.of_role(role)
-            ]
-        )
+        np.array([np.sqrt(np.mean(x.motion.dq[x.motion.mask] ** 2, axis=0)) for x in identification.of_role(role)])
         for role in ("validation", "train")
     )
     # Joints that rest in training have no speed to compare with.

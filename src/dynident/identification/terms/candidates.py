@@ -90,9 +90,9 @@ def kind_of_class(name: str, term_class: type[Proposes]) -> CandidateKind:
     )
 
 
-def _alone(part: Callable[..., Term], excitation: JointExcitation) -> Sequence[Term]:
-    """Return a term without constants on the joint."""
-    return (part(excitation.joints, on=(excitation.joint.name,)),)
+def _alone(part: Callable[..., Term], excitation: JointExcitation, **settings: int) -> Sequence[Term]:
+    """Return a term without constants to be tried on the joint."""
+    return (part(excitation.joints, on=(excitation.joint.name,), **settings),)
 
 
 def _sized_terms(
@@ -123,10 +123,6 @@ def _drift_terms(excitation: JointExcitation) -> Sequence[Term]:
     return _sized_terms(Drift, "time", "duration", (0.3, 1.0, 3.0), excitation)
 
 
-def _spring_terms(order: int, excitation: JointExcitation) -> Sequence[Term]:
-    return (Spring(excitation.joints, on=(excitation.joint.name,), order=order),)
-
-
 def fixed_terms(terms: tuple[Term, ...], _: JointExcitation) -> tuple[Term, ...]:
     """Return the terms whatever the excitation."""
     return terms
@@ -150,8 +146,8 @@ KINDS = (
     CandidateKind("load_dahl", partial(_sized_terms, LoadDahl, "length", "reach", LENGTHS), dry=True, needs_load=True),
     CandidateKind("power", _power_terms, strict=True),
     CandidateKind("wide_coulomb", partial(_sized_terms, WideCoulomb, "width", "speed", WIDE_WIDTHS), strict=True),
-    CandidateKind("spring", partial(_spring_terms, 1), strict=True, reaches=True),
-    CandidateKind("spring", partial(_spring_terms, 2), strict=True, reaches=True),
+    CandidateKind("spring", partial(_alone, Spring, order=1), strict=True, reaches=True),
+    CandidateKind("spring", partial(_alone, Spring, order=2), strict=True, reaches=True),
     CandidateKind("drift", _drift_terms, strict=True),
 )
 PLAIN_KINDS = ("offset", "rotor", "viscous", "coulomb")

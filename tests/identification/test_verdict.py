@@ -45,14 +45,20 @@ def with_errors(log: LogValidation, **changes: Any) -> LogValidation:
     return replace(log, errors=replace(log.errors, **changes))
 
 
-def with_log(found: Identification, k: int, **changes: Any) -> Verdict:
-    return with_part(found, k, errors=replace(found.validations[k].errors, **changes))
+Change = Callable[[Identification], Identification]
+
+
+def of_part(k: int, **changes: Any) -> Change:
+    def change(found: Identification) -> Identification:
+        logs = list(found.validations)
+        logs[k] = replace(logs[k], **changes)
+        return replace(found, validations=tuple(logs))
+
+    return change
 
 
 def with_part(found: Identification, k: int, **changes: Any) -> Verdict:
-    logs = list(found.validations)
-    logs[k] = replace(logs[k], **changes)
-    return judge(replace(found, validations=tuple(logs)))
+    return judge(of_part(k, **changes)(found))
 
 
 def test_a_good_model_is_good_for_simulation(good: Identification) -> None:
@@ -137,10 +143,10 @@ def test_the_mean_torque_does_not_make_a_repeat() -> None:
 
 
 def test_an_error_must_carry_over_and_be_a_number(good: Identification) -> None:
-    verdict = with_log(good, 1, relative_error=9.0)
+    verdict = judge(of_errors(relative_error=9.0)(good))
     assert verdict.use is Use.DO_NOT_USE
     assert verdict.reasons[0] == why.NotCarriedOver("fast", 9.0 / good.validations[0].errors.relative_error)
-    (reason, *_) = with_log(good, 1, relative_error=float("nan")).reasons
+    (reason, *_) = judge(of_errors(relative_error=float("nan"))(good)).reasons
     assert isinstance(reason, why.TorqueErrorTooLarge)
     assert np.isnan(reason.error)
 
@@ -171,18 +177,6 @@ def test_an_error_that_the_low_pass_takes_away_is_forgiven_up_to_a_limit(good: I
     verdict = judge(replace(good, validations=(first, held)))
     assert verdict.use is Use.SIMULATION
     assert verdict.held_out == HeldOut(4.0, 3.0, (20.0, good.validations[0].errors.relative_error))
-
-
-Change = Callable[[Identification], Identification]
-
-
-def of_part(k: int, **changes: Any) -> Change:
-    def change(found: Identification) -> Identification:
-        logs = list(found.validations)
-        logs[k] = replace(logs[k], **changes)
-        return replace(found, validations=tuple(logs))
-
-    return change
 
 
 def of_errors(**changes: Any) -> Change:

@@ -187,11 +187,6 @@ class Setup:
     calibration: Calibration
 
     @property
-    def time_offset(self) -> float:
-        """The time (s) by which the positions are stamped later than the torque."""
-        return self.motions.train[0].time_offset
-
-    @property
     def notes(self) -> tuple[Note, ...]:
         """What is to be said of the calibration."""
         tilt = self.calibration.base_tilt

@@ -70,7 +70,11 @@ def identify(
         regression = Regression(setup.model, setup.motions.train, setup.recipe.selection(setup.model.joints))
         report_progress("reducing the regression to triangular factors")
         problem = Problem(
-            setup.model, setup.motions.train, regression.factorise(), data.fitted_logs(setup.motions), setup.time_offset
+            setup.model,
+            setup.motions.train,
+            regression.factorise(),
+            data.fitted_logs(setup.motions),
+            setup.motions.train[0].time_offset,
         )
         fit = estimate_parameters(problem, setup.recipe.estimator, setup.alignment, setup.calibration.base_tilt)
         calibration, notes = setup.calibration, setup.notes

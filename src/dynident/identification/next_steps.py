@@ -122,7 +122,7 @@ def _sharpening_steps(identification: Identification) -> Iterator[Sharpen]:
         value, names, leads = basis.to_base(identification.estimate.value), basis.groupings, basis.independent
     if std is None:
         return
-    pairs = [(motion, *subsample([motion], MAX_SAMPLES)) for motion in identification.training_motions]
+    pairs = [(motion, subsample([motion], MAX_SAMPLES)[0]) for motion in identification.training_motions]
     columns = np.concatenate([identification.model.regressor(**motion.states(rows)) for motion, rows in pairs])
     torque = np.concatenate([motion.tau[rows] for motion, rows in pairs])
     # The torque of one standard error, relative to that of the training: parameters without effect do not matter.

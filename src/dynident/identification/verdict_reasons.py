@@ -173,7 +173,7 @@ class MassMatrixNotPositive(Reason):
 class MostlyUnexcited(Reason):
     """The data do not excite so many of the ``total`` base parameters that the model is of no use."""
 
-    usual_remedy = Remedy.EXCITE
+    usual_remedy: ClassVar[Remedy | None] = Remedy.EXCITE
     sentence = "the data do not excite {unexcited} of {total} base parameters"
     unexcited: int
     total: int

@@ -55,7 +55,7 @@ from dynident.models import CoupledMotor, Model, Term
 from dynident.models.friction import Dahl, LoadDahl
 from dynident.motion.log import Motion
 from dynident.regression import EVERYTHING, Selection
-from dynident.runtime import Step, brief, report_progress
+from dynident.runtime import Step, report_progress
 from dynident.runtime.arrays import Array
 
 PASSES, MAX_RIPPLES = 3, 3  # of the search, by the load of the terms found before; rates of one joint
@@ -91,7 +91,7 @@ def choose_terms(
     return _TermSelection.of(model, motions, selection, kinds).select_terms()
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class _TermSelection:
     """The state of the choice of terms."""
 
@@ -110,8 +110,6 @@ class _TermSelection:
     independent: float = 1.0  # samples per independent one
     shares: dict[int, dict[str, float]] = field(default_factory=dict)  # of the other joints that have a kind
     _cached_columns: dict[tuple[int, Term], Array] = field(default_factory=dict)
-
-    __repr__ = brief
 
     @classmethod
     def of(

@@ -11,6 +11,7 @@ from dynident.models import Model, RigidBodies
 from dynident.models.friction import Coulomb, Viscous
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Difference
+from tests.identification.motions import sines
 from tests.robots import joint, link, urdf
 
 ARM = urdf(
@@ -25,15 +26,7 @@ ARM = urdf(
 def recorded(model: Model, source: str, seed: int) -> Log:
     rng, t = np.random.default_rng(seed), np.arange(3000) * 0.002
     rate, phase = rng.uniform(2.0, 6.0, (3, 2)), rng.uniform(0.0, 6.0, (3, 2))
-    angle = rate[:, None] * t[:, None] + phase[:, None]
-    q, dq, ddq = (
-        parts.sum(axis=0)
-        for parts in (
-            0.4 * np.sin(angle),
-            0.4 * rate[:, None] * np.cos(angle),
-            -0.4 * rate[:, None] ** 2 * np.sin(angle),
-        )
-    )
+    q, dq, ddq = sines(t, 0.4, rate, phase)
     truth = np.array([{"viscous": 0.8, "coulomb": 0.5}.get(x.role, x.value) for x in model.parameters])
     noise = 0.02 * rng.standard_normal((3000, 2))
     return Log(t, q, model.torque(q, dq, ddq, truth) + noise, ("shoulder", "elbow"), source)

@@ -71,12 +71,10 @@ def test_two_logs_tell_as_much_as_one_twice_as_long() -> None:
 def test_a_robot_of_bodies_has_bounds_of_its_base_parameters() -> None:
     found = arm()
     basis = found.identification.base.on_data
-    assert basis is not None
     assert found.names == basis.groupings
     assert len(found.names) < len(found.identification.model.parameters)
     assert not found.alone.all()
     assert np.isfinite(found.std["now"]).all()
-    assert found.identification.errors.base_std_independent is not None
     # the motion is known but for the accelerations at both ends, which tell much of a few parameters here
     ratio = found.identification.errors.base_std_independent / found.std["now"]
     assert (ratio < 1.01).all()

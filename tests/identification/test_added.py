@@ -42,7 +42,6 @@ def test_identification_holds_the_choice_and_its_model_the_terms() -> None:
     assert found.recipe.estimator.named == ("Fv_j1", "fore.mass")  # type: ignore[attr-defined]
     assert found.estimate.value[found.model.names.index("Fv_j1")] >= 0.5 - 1e-9
     choice = found.calibration.terms
-    assert choice is not None
     assert found.recipe.terms is None
     assert "Dahl" in {type(one).__name__ for one in found.model.terms}
     assert found.model.terms[1:] == choice.terms
@@ -58,8 +57,6 @@ def test_a_second_round_finds_the_offset_that_the_plain_set_hides() -> None:
     recipe = Recipe(estimator=LeastSquares(), terms="auto", time_offset="estimate")
     found = identify(Model((bodies(),)), [Log(t[10:], q, motion.tau[10:], motion.joints, "train")], recipe=recipe)
     offset = found.calibration.time_offset
-    assert offset is not None
-    assert offset.std is not None
     assert abs(offset.seconds - late) < 3 * offset.std < late
 
 

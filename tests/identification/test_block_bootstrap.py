@@ -122,19 +122,17 @@ class Moody(Estimator):
         return found
 
 
-def moody(found: Identification, both: bool) -> Identification:
-    return replace(found, recipe=replace(found.recipe, estimator=Moody(found.estimate.value[0], both)))
-
-
-def test_fits_that_fail_are_counted() -> None:
-    spread = drawn(moody(fitted(), both=False), 40, blocks=20)
+def test_fits_that_fail_are_counted_and_where_all_do_the_reason_is_said() -> None:
+    found = fitted()
+    some, every = (
+        replace(found, recipe=replace(found.recipe, estimator=Moody(found.estimate.value[0], both)))
+        for both in (False, True)
+    )
+    spread = drawn(some, 40, blocks=20)
     assert 0 < spread.failed < 40
     assert len(spread.repetitions) == 40 - spread.failed
-
-
-def test_where_all_fail_the_reason_is_said() -> None:
     with pytest.raises(InputError, match=r"8 of 8 repetitions of the fit failed, the last by: .*not today"):
-        drawn(moody(fitted(), both=True), 8, blocks=20)
+        drawn(every, 8, blocks=20)
 
 
 def test_what_cannot_be_drawn_from_is_said() -> None:

@@ -56,8 +56,10 @@ def test_the_gain_is_that_of_the_blocks() -> None:
     assert found.sure
 
 
-def test_nothing_is_gained_where_nothing_changes() -> None:
-    assert motion_gain(two_link_arm(), [motion()], [motion()]) == Gain(0.0, 0.0)
+@pytest.mark.parametrize("gains", [(1.0, 1.0), (1.0, 0.0)], ids=["all", "a joint without torque"])
+def test_nothing_is_gained_where_nothing_changes(gains: tuple[float, ...]) -> None:
+    one = replace(motion(), tau=motion().tau * gains)
+    assert motion_gain(two_link_arm(), [one], [one]) == Gain(0.0, 0.0)
     assert not Gain(0.0, 0.0).sure
     assert not Gain(1.0, 1.0).sure
 
@@ -71,8 +73,3 @@ def test_leaving_out_bad_samples_gains_by_what_is_fitted_only() -> None:
     assert 0 < found.share < 10
     masked = motion_gain(two_link_arm(), [motion()], [replace(motion(), mask=~bad)])
     assert abs(masked.share) < 1
-
-
-def test_a_joint_without_torque_counts_for_nothing() -> None:
-    one = replace(motion(), tau=motion().tau * [1.0, 0.0])
-    assert motion_gain(two_link_arm(), [one], [one]) == Gain(0.0, 0.0)

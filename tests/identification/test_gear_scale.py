@@ -10,6 +10,7 @@ from dynident.identification import Recipe, identify
 from dynident.models import Model, RigidBodies, RotorInertia
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.motion.log import Log
+from tests.identification.motions import sines
 from tests.robots import joint, link, urdf
 
 T = np.arange(0, 4, 0.01)
@@ -31,10 +32,9 @@ def errors(factor: float, estimator: Estimator) -> dict[str, float]:
     logs, gear = [], np.array([factor, 1.0])
     for seed in range(2):
         rng = np.random.default_rng(seed)
-        rate, phase = rng.uniform(1.0, 6.0, (3, 1, 2)), rng.uniform(0, 6, (3, 1, 2))
-        angle = rate * T[:, None] + phase
-        q, dq, ddq = ((0.3 * rate**k * wave(angle)).sum(axis=0) for k, wave in enumerate((np.sin, np.cos, np.sin)))
-        tau = model.torque(q, dq, -ddq, theta)
+        rate, phase = rng.uniform(1.0, 6.0, (3, 2)), rng.uniform(0, 6, (3, 2))
+        q, dq, ddq = sines(T, 0.3, rate, phase)
+        tau = model.torque(q, dq, ddq, theta)
         tau = tau + 0.02 * tau.std(axis=0) * rng.standard_normal(tau.shape)
         q = q + 1e-5 * rng.standard_normal(q.shape)
         logs.append(Log(T, gear * q, tau / gear, ("pan", "lift"), source=f"log {seed}"))

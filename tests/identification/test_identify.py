@@ -50,7 +50,6 @@ def driven() -> Motion:
 
 def error(found: Identification) -> float:
     """The largest relative error of a parameter."""
-    assert ARM.values is not None
     return float(np.abs(found.estimate.value / ARM.values - 1).max())
 
 
@@ -100,17 +99,18 @@ def test_joints_are_matched_by_name(log: Log) -> None:
     assert found.validations[0].errors.per_joint == straight.validations[0].errors.per_joint
 
 
-def test_a_missing_joint_is_an_error(log: Log) -> None:
-    with pytest.raises(InputError, match="exact: no joint 'joint2'; the log has joint1"):
-        identify(ARM, [log.select(("joint1",))])
-    with pytest.raises(InputError, match="later: no joint 'joint2'"):
-        identify(ARM, [log], {"x": replace(log.select(("joint1",)), source="later")})
-
-
-@pytest.mark.parametrize("none", [(), [], {}])
-def test_no_training_log_is_an_error(log: Log, none: list[Log]) -> None:
-    with pytest.raises(ConfigError, match="no training log"):
-        identify(ARM, none, [log])
+@pytest.mark.parametrize(
+    ("train", "held_out", "error", "words"),
+    [
+        (lambda log: [log.select(("joint1",))], (), InputError, "exact: no joint 'joint2'; the log has joint1"),
+        (lambda log: [log], {"x": "later"}, InputError, "later: no joint 'joint2'"),
+        *((lambda log, none=none: none, (), ConfigError, "no training log") for none in ((), [], {})),
+    ],
+)
+def test_logs_that_lack_are_an_error(log: Log, train: Any, held_out: Any, error: type, words: str) -> None:
+    held_out = {name: replace(log.select(("joint1",)), source=source) for name, source in dict(held_out).items()}
+    with pytest.raises(error, match=words):
+        identify(ARM, train(log), held_out)
 
 
 def test_two_logs_of_the_same_source_need_names(log: Log) -> None:
@@ -160,13 +160,10 @@ def test_errors_of_a_likelihood_count_those_of_the_motion(more: tuple[Viscous, .
     information = found.estimate.information
     assert information is not None
     if more:
-        assert found.base.on_data is not None
         np.testing.assert_array_equal(found.errors.base_std_independent, informed_std(found.base.on_data, information))
         least, robust = found.errors.base_std_independent, found.errors.base_std
     else:
         least, robust = found.estimate.std, found.errors.std
-    assert least is not None
-    assert robust is not None
     assert (robust >= least).all()
     assert (robust == least).any()  # where the correlated residuals alone tell of smaller ones
 
@@ -207,7 +204,6 @@ def test_standard_errors_are_those_of_whitened_rows(more: tuple[Viscous, ...], l
         for one in (LeastSquares(weights="per_joint"), GeneralisedLeastSquares())
     )
     white = found.estimate.residual.whitening
-    assert white is not None
     assert white.orders == (1, 1)
     assert not any(isinstance(note, StillColoured | WhiteningCostly) for note in found.warnings)
     best = [
@@ -219,8 +215,6 @@ def test_standard_errors_are_those_of_whitened_rows(more: tuple[Viscous, ...], l
     ratio = [wide / own for own, wide in best]  # type: ignore[operator]
     assert np.median(ratio[0]) > 2 > 1.3 > np.median(ratio[1])  # independent errors are assumed in `std`
     values = found.estimate.value if not more else found.base.on_data.to_base(found.estimate.value)  # type: ignore[union-attr]
-    assert found.errors.base_by_joint is not None
-    assert found.errors.base_shares is not None
     np.testing.assert_allclose(found.errors.base_by_joint.sum(axis=1), values, rtol=1e-6)
     np.testing.assert_allclose(found.errors.base_shares.sum(), 1.0, rtol=1e-9)
 
@@ -258,7 +252,6 @@ def test_excluded_samples_are_neither_fitted_nor_judged(log: Log) -> None:
 
 def test_motion_that_a_smoother_is_not_made_for_is_judged_by_its_substitute(log: Log) -> None:
     """The smoother is for motion that repeats: with a time offset, and without; what is fitted must repeat."""
-    assert ARM.values is not None
     t = np.linspace(0, 10, 1001)
 
     def swing(source: str, *rates: float) -> Log:

@@ -13,16 +13,10 @@ from tests.apps.payload.arms import RECIPE, arm, recorded, result
 def test_a_joint_with_a_wrong_gain_moves_them_by_its_part() -> None:
     found, log = result(), recorded("arm")
     wrong = replace(log, tau=log.tau * (1 + 1e-4 * np.eye(6)[2]))
-    # the same weights: those of the residuals change with the gain
-    weights = found.estimate.residual.weights
     again = identify(arm()[0], {"arm": wrong}, recipe=RECIPE)
     basis, parts = found.base.on_data, found.errors.base_by_joint
-    assert basis is not None
-    assert parts is not None
-    assert weights is not None
     moved = basis.to_base(again.estimate.value - found.estimate.value)
     scale = found.errors.base_std_independent
-    assert scale is not None
     np.testing.assert_allclose(moved / scale, 1e-4 * parts[:, 2] / scale, atol=0.05)
 
 
@@ -30,9 +24,6 @@ def test_friction_that_grows_with_the_load_moves_them_by_its_part() -> None:
     found, share = result(), 1e-3
     (log,) = found.validations
     motion, basis, weights = log.motion, found.base.on_data, found.estimate.residual.weights
-    assert basis is not None
-    assert weights is not None
-    assert found.errors.base_by_load is not None
     bodies = found.model.bodies
     load = bodies.torque(motion.q, motion.dq, motion.ddq, found.estimate.value[: len(bodies.parameters)])
     more = share * np.abs(load) * np.sign(motion.dq) * np.eye(6)[4]
@@ -44,8 +35,6 @@ def test_friction_that_grows_with_the_load_moves_them_by_its_part() -> None:
 
 def test_the_covariance_is_that_of_the_standard_errors() -> None:
     errors = result().errors
-    assert errors.base_covariance is not None
-    assert errors.base_std is not None
     ratio = np.sqrt(np.diag(errors.base_covariance)) / errors.base_std
     assert 0.8 < np.median(ratio) < 1.4
     assert (ratio > 0.5).all()

@@ -11,6 +11,7 @@ from dynident.models.lagrangian import two_link_arm
 from dynident.motion.log import Log, Motion
 from dynident.runtime import ModelError
 from dynident.validation import free_run
+from tests.identification.motions import sines
 
 ARM = two_link_arm()
 (BODIES, FRICTION) = ARM.terms
@@ -25,10 +26,8 @@ def truth():
     t = np.arange(6000) * 0.002
     w = np.array([[1.3, 1.7], [2.9, 3.7], [0.7, 0.4]])
     size = np.array([[0.5, 0.4], [0.2, 0.25], [0.3, 0.3]])
-    angle = t[:, None, None] * w + w**2
-    q, dq, ddq = (size * w**k * np.sin(angle + k * np.pi / 2) for k in range(3))
+    sums = sines(t, size, w, w**2)
     names = tuple(joint.name for joint in MODEL.joints)
-    sums = [one.sum(axis=1) for one in (q, dq, ddq)]
     model = MODEL.with_load(THETA)
     motion = model.remembering(Motion(t, *sums, 0 * sums[0], names, np.ones(len(t), bool), "arm"))
     return replace(motion, tau=model.torque(**motion.states(), theta=THETA))

@@ -30,10 +30,10 @@ from dynident.motion.smoothers import Butterworth, Smoother, Spline
 from dynident.regression import ParallelFilter
 from dynident.runtime import ConfigError, progress_to
 from dynident.runtime.jobs import run_jobs
+from tests.identification.motions import sines
 
 ARM = two_link_arm()
 SMALL = DivisionSettings(excerpts=3, excerpt=1500, piece=1000, pieces=10, shortest=500)
-assert ARM.values is not None
 THETA = ARM.values
 
 
@@ -61,9 +61,8 @@ class Held:
 def recording(sigma_tau: float = 0.02, samples: int = 12_000, seed: int = 0) -> Log:
     """On a motion that is chosen, whose torque follows: to integrate the equations of a minute takes seconds."""
     t = np.arange(samples) * 0.005
-    s, rate = t[:, None, None], np.array([[1.7, 0.3, 3.1], [2.3, 0.7, 3.9]])
-    size = np.array([[0.9, 0.4, 0.3], [0.7, 0.5, 0.2]])
-    q, dq, ddq = (np.sum(size * rate**k * np.sin(rate * s + k * np.pi / 2), axis=2) for k in range(3))
+    rate, size = np.array([[1.7, 2.3], [0.3, 0.7], [3.1, 3.9]]), np.array([[0.9, 0.7], [0.4, 0.5], [0.3, 0.2]])
+    q, dq, ddq = sines(t, size, rate)
     names = tuple(joint.name for joint in ARM.joints)
     truth = Motion(t, q, dq, ddq, ARM.torque(q, dq, ddq, THETA), names, np.ones(samples, dtype=bool))
     return record(truth, 1e-5, sigma_tau, np.random.default_rng(seed), source="day").log
@@ -105,7 +104,6 @@ def test_the_estimate_is_that_of_the_whole_to_rounding(
     np.testing.assert_allclose(found.estimate.residual.sigma, whole.estimate.residual.sigma, rtol=1e-8)
     assert found.estimate.residual.samples == whole.estimate.residual.samples
     pieces = found.estimate.residual.pieces
-    assert pieces is not None
     torque = np.sqrt((pieces.rows * pieces.torque**2).sum(axis=0) / pieces.rows.sum(axis=0))
     np.testing.assert_allclose(torque, [np.sqrt(np.mean(x**2)) for x in LOG.tau.T], rtol=0.1)
     note = next(one for one in found.notes if isinstance(one, InPieces))
@@ -135,7 +133,6 @@ def test_a_change_is_seen_in_the_pieces() -> None:
     changed = replace(LOG, tau=LOG.tau + np.where(late, [0.5, 0.0], 0.0))
     found = in_pieces(plan_pieces(ARM, [Held(changed)], Recipe(Spline(sigma=1e-5)), SMALL))
     pieces = found.estimate.residual.pieces
-    assert pieces is not None
     left = pieces.residual[:, 0]
     assert left[pieces.begins > 46].min() > 2 * left[pieces.ends < 44].max()
     assert pieces.relative_error[0] > 3 * pieces.relative_error[1]

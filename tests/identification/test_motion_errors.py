@@ -30,6 +30,7 @@ from dynident.motion.smoothers import Smoother, Spline, TimeShifted
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import ParallelFilter, Regression, Selection
 from dynident.validation import clustered_std
+from tests.identification.motions import sines
 
 ARM = pendulum()
 MODEL = Model((*ARM.terms, Viscous(ARM.joints, values=(0.05,)), Coulomb(ARM.joints, values=(0.1,), width=0.1)))
@@ -41,13 +42,14 @@ WIDE = Spline(factor=1.4)
 @cache
 def truth() -> Motion:
     """A smooth motion; where friction bends a free one sharply, only part of what smoothing takes can be predicted."""
-    t = np.arange(2000)[:, None] * 0.005
-    parts = ((1.5, 2.0, 0.0), (0.8, 5.0, 1.0), (0.3, 9.0, 2.0))
-    q = sum(a * np.sin(w * t + c) for a, w, c in parts)
-    dq = sum(a * w * np.cos(w * t + c) for a, w, c in parts)
-    ddq = -sum(a * w**2 * np.sin(w * t + c) for a, w, c in parts)
+    t = np.arange(2000) * 0.005
+    return moving(t, *sines(t, [[1.5], [0.8], [0.3]], [[2.0], [5.0], [9.0]], [[0.0], [1.0], [2.0]]))
+
+
+def moving(t: np.ndarray, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> Motion:
+    """The motion with the torque of the model."""
     names = tuple(joint.name for joint in MODEL.joints)
-    return Motion(t[:, 0], q, dq, ddq, MODEL.torque(q, dq, ddq, TRUTH), names, np.ones(len(t), dtype=bool))
+    return Motion(t, q, dq, ddq, MODEL.torque(q, dq, ddq, TRUTH), names, np.ones(len(t), dtype=bool))
 
 
 def log(seed: int, sigma: float = SIGMA) -> Log:
@@ -57,9 +59,7 @@ def log(seed: int, sigma: float = SIGMA) -> Log:
 def predicted(one: Log, smoother: Smoother, parallel_filter: ParallelFilter | None = None) -> MotionErrors:
     motions = (smoother(one),)
     regression = Regression(MODEL, motions, Selection(parallel_filter))
-    found = motion_errors([one], regression, smoother, LeastSquares()(Problem(MODEL, motions, regression)))
-    assert found is not None
-    return found
+    return motion_errors([one], regression, smoother, LeastSquares()(Problem(MODEL, motions, regression)))
 
 
 def plain(one: Log, smoother: Smoother, parallel_filter: ParallelFilter | None = None) -> np.ndarray:
@@ -110,7 +110,6 @@ def test_intervals_of_a_robust_fit_hold() -> None:
         estimate = robust(Problem(MODEL, regression.motions, regression))
         rows = estimate.residual.weight_rows(regression)
         found = motion_errors([one], rows, WIDE, estimate)
-        assert found is not None
         errors, _ = identifiability_of(rows, estimate, found.covariance)
         held.append(np.abs(estimate.value - found.bias - TRUTH) < NORMAL_95 * errors.std)
         before.append(np.abs(estimate.value - TRUTH) < NORMAL_95 * estimate.std)
@@ -126,8 +125,7 @@ def test_weights_of_samples_count(depends: bool, parallel_filter: ParallelFilter
     pace = np.where(np.arange(len(t)) < 1000, 0.5, 1.0)
     time = np.cumsum(pace) * 0.005
     q, dq, ddq = np.sin(3 * time), 3 * pace * np.cos(3 * time), -9 * pace**2 * np.sin(3 * time)
-    x = [one[:, None] for one in (q, dq, ddq)]
-    made = Motion(t, *x, MODEL.torque(*x, TRUTH), truth().joints, np.ones(len(t), dtype=bool))
+    made = moving(t, *(one[:, None] for one in (q, dq, ddq)))
     one = record(made, SIGMA, 0.02, np.random.default_rng(0)).log
     motion = WIDE(one)
     ways = []
@@ -182,7 +180,6 @@ def test_noise_that_is_less_between_samples_is_no_time_offset() -> None:
     one, known = record(motion, 1e-4, 0.01, rng).log, Spline(sigma=1e-4)
     assert abs(find_time_offset(ARM, [known(one)]).seconds) > 5e-4
     found = align_motion(ARM, [one], [known], "estimate").time_offset
-    assert found is not None
     assert found.seconds == 0.0
 
 
@@ -191,15 +188,9 @@ PIECES, SAMPLES = 16, 1000
 
 def piece_motion(rng: np.random.Generator) -> Motion:
     """A piece of a recording, unlike the others."""
-    t = np.arange(SAMPLES)[:, None] * 0.005
-    q, dq, ddq = np.zeros((3, SAMPLES, 1))
-    for w in rng.uniform((1, 3, 7), (3, 7, 11)):
-        size, phase = rng.uniform(0.5, 2.0) / w, rng.uniform(0, 6)
-        q = q + size * np.sin(w * t + phase)
-        dq = dq + w * size * np.cos(w * t + phase)
-        ddq = ddq - w**2 * size * np.sin(w * t + phase)
-    names = tuple(joint.name for joint in MODEL.joints)
-    return Motion(t[:, 0], q, dq, ddq, MODEL.torque(q, dq, ddq, TRUTH), names, np.ones(SAMPLES, dtype=bool))
+    t = np.arange(SAMPLES) * 0.005
+    rate = rng.uniform((1, 3, 7), (3, 7, 11))[:, None]
+    return moving(t, *sines(t, rng.uniform(0.5, 2.0, (3, 1)) / rate, rate, rng.uniform(0, 6, (3, 1))))
 
 
 def corrected_errors(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -217,7 +208,6 @@ def corrected_errors(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         for piece in pieces_of(MODEL, log.rows(part, ""), one.shift(0.0, part), WIDE, value, 1.0)
     ]
     found = sampled_bias(repeated, MODEL, np.ones(1))
-    assert found is not None
     parts = [Regression(MODEL, (one,)).triangular_factors for one in motions]
     plain = clustered_std(lambda: parts, regression, value)
     wide = np.sqrt(plain**2 + np.diag(found.covariance) + found.remainder**2)
@@ -244,8 +234,6 @@ def test_pieces_without_rows_do_not_count_and_one_is_too_few() -> None:
     none = RepetitionFactors(empty, empty)
     assert sampled_bias([found, none], MODEL, np.ones(1)) is None
     both, more = sampled_bias([found, found], MODEL, np.ones(1)), sampled_bias([found, none, found], MODEL, np.ones(1))
-    assert both is not None
-    assert more is not None
     np.testing.assert_allclose(more.bias, both.bias, rtol=1e-9)
     np.testing.assert_allclose(both.covariance, 0.0, atol=1e-12 * np.square(both.bias).max())
     assert both.remainder == pytest.approx(more.remainder)

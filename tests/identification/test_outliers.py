@@ -72,12 +72,6 @@ def test_the_fit_is_that_without_them(one: Log, changes: dict) -> None:
     )
 
 
-@pytest.mark.parametrize("estimator", [LeastSquares(), MaximumLikelihood()], ids=["least squares", "likelihood"])
-def test_every_estimator_leaves_them_out(estimator: Estimator) -> None:
-    clean, found = unspoilt(estimator=estimator), fitted(WRONG["one of 5000 N m"], estimator=estimator)
-    assert found.estimate.value == pytest.approx(clean.estimate.value, rel=1e-3)
-
-
 def test_they_can_be_kept() -> None:
     clean, kept = unspoilt(), fitted(WRONG["one of 5000 N m"], outliers="keep")
     assert np.any(np.abs(kept.estimate.value - clean.estimate.value) > 50 * clean.errors.std)
@@ -114,13 +108,12 @@ def test_a_joint_of_which_every_torque_is_suspect_is_fitted_as_measured() -> Non
     tau = np.column_stack([clean.tau[:, 0], 0.5 * np.sign(clean.tau[:, 1])])
     found = identify(arm, {"a": replace(clean, tau=tau)}, {}, Recipe(Spline(sigma=1e-4)))
     keep = found.validations[0].motion.keep
-    assert keep is not None
     assert keep.all()
 
 
 @pytest.mark.parametrize("estimator", [LeastSquares(), MaximumLikelihood()], ids=["least squares", "likelihood"])
-@pytest.mark.parametrize("row", [0, -1])
-def test_wrong_ends_are_left_out(estimator: Estimator, row: int) -> None:
+@pytest.mark.parametrize("row", [0, 777, -1])
+def test_every_estimator_leaves_them_out_also_at_the_ends(estimator: Estimator, row: int) -> None:
     """The first message of a driver is often zero, or what was left in its buffer."""
     q = TRAIN.q.copy()
     q[row] += 3.0
@@ -154,7 +147,6 @@ def test_a_torque_that_was_never_recorded_spoils_nothing(estimator: Estimator, c
     unknown = replace(clean, keep=np.column_stack([np.ones(len(T), bool), np.zeros(len(T), bool)]))
     known, found = (identify(arm, {"a": one}, {"b": one}, recipe) for one in (unknown, two_links(constant)))
     for one, expected in zip(found.validations, known.validations, strict=True):
-        assert one.motion.keep is not None
         assert not one.motion.keep[:, 1].any()
         assert one.errors.per_joint["joint1"] == pytest.approx(expected.errors.per_joint["joint1"], rel=1e-3)
         assert one.errors.relative_error == one.errors.per_joint["joint1"] < 3

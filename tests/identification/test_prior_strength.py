@@ -21,7 +21,6 @@ def errors(text: str, seed: int, samples: int) -> tuple[float, float, float]:
     slow = problem(text, speed=0.4, seed=seed, samples=samples, seconds=8.0)
     fast = problem(text, speed=1.0, seed=seed + 100, samples=400, wrong=0.0)
     found = find_prior_strength(slow.model, slow.motions, AUTO)
-    assert found is not None
     chosen = with_strength(AUTO, found)(slow).value
     return error(fast, AUTO(slow).value), error(fast, chosen), found.strength
 

@@ -33,10 +33,8 @@ def test_the_recipe_as_used_leaves_nothing_to_choose(found: Identification) -> N
     assert isinstance(offset, float)
     assert smoother == (TimeShifted(Spline(), offset) if offset else Spline())
     tilt = found.calibration.base_tilt
-    assert tilt is not None
     assert found.recipe.base_tilt == (tilt.x, tilt.y)
     log = found.validations[0].recorded_log
-    assert log is not None
     np.testing.assert_array_equal(found.recipe.motion(log).ddq, found.validations[0].motion.ddq)
 
 
@@ -44,7 +42,6 @@ def test_the_recipe_as_used_gives_the_same_again(found: Identification) -> None:
     """To the model as it was given: the tilt of the base is in the recipe."""
     model, _ = tilted(0.0, 0.0)
     log = found.validations[0].recorded_log
-    assert log is not None
     again = identify(model, [log], [replace(log, source="again")], found.recipe)
     assert again.recipe == found.recipe
     assert_same(found.estimate, again.estimate)
@@ -62,7 +59,6 @@ def test_a_time_offset_is_not_applied_twice() -> None:
 
 def test_a_new_log_is_predicted_with_joints_in_any_order(found: Identification) -> None:
     log = found.validations[1].recorded_log
-    assert log is not None
     turned = log.select(tuple(reversed(log.joints)))
     predicted = found.predict(turned)
     np.testing.assert_array_equal(predicted.predicted_torque, found.validations[1].predicted_torque)
@@ -71,7 +67,6 @@ def test_a_new_log_is_predicted_with_joints_in_any_order(found: Identification) 
 
 def test_a_recipe_with_several_smoothers_has_no_motion_yet(found: Identification) -> None:
     log = found.validations[0].recorded_log
-    assert log is not None
     with pytest.raises(ConfigError, match="2 smoothers to choose from"):
         Recipe((Spline(), Spline(factor=2.0)), LeastSquares()).motion(log)
 

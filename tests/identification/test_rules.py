@@ -38,17 +38,8 @@ def with_errors(found: Identification, trained: dict[str, Any], **held: Any) -> 
     )
 
 
-def test_a_robot_file_reaches_good_for_simulation(arm: Identification) -> None:
-    verdict = judge(arm)
-    assert verdict.use is Use.SIMULATION
-    assert verdict.reasons == ()
-    assert arm.estimate.consistency is not None
-    assert min(arm.estimate.consistency.eigenvalues.values()) > 0
-
-
 def test_bodies_must_have_been_held_to_physics(arm: Identification) -> None:
     consistency = arm.estimate.consistency
-    assert consistency is not None
 
     def reasons(**changes: Any) -> tuple[why.Reason, ...]:
         return judge(replace(arm, estimate=replace(arm.estimate, **changes))).reasons
@@ -116,7 +107,6 @@ def test_the_worst_training_log_is_what_must_carry_over(arm: Identification) -> 
 @pytest.mark.parametrize(("driver", "limit"), [(Driver.TORQUE, 25.0), (Driver.CONTROLLER, 1.0)])
 def test_limits_of_the_free_simulation(arm: Identification, driver: Driver, limit: float) -> None:
     run = arm.validations[1].free_run
-    assert run is not None
 
     def simulated(error: float) -> Verdict:
         errors = {"shoulder": np.nan, "elbow": error}
@@ -128,7 +118,6 @@ def test_limits_of_the_free_simulation(arm: Identification, driver: Driver, limi
 
     good, bad = simulated(limit), simulated(limit * (1 + 1e-6))
     assert (good.use, bad.use) == (Use.SIMULATION, Use.CONTROL)
-    assert good.run is not None
     assert (good.run.log, good.run.joint, good.run.error) == ("two", "elbow", limit)
     (reason,) = bad.reasons
     assert isinstance(reason, why.FreeRunAstray)
@@ -137,8 +126,6 @@ def test_limits_of_the_free_simulation(arm: Identification, driver: Driver, limi
 
 def test_a_quarter_of_the_base_parameters_may_be_missing_for_control(arm: Identification) -> None:
     on_data, structural = arm.base.on_data, arm.base.structural
-    assert on_data is not None
-    assert structural is not None
 
     def reasons(seen: int, whole: int) -> tuple[why.Reason, ...]:
         base = replace(arm.base, on_data=replace(on_data, rank=seen), structural=replace(structural, rank=whole))
@@ -201,8 +188,6 @@ def test_held_out_motion_must_have_half_the_speed_of_the_training(arm: Identific
 def test_the_error_announced_on_a_larger_and_faster_motion_is_asked_for(arm: Identification) -> None:
     """By hand: the same sum of variances, one torque at a time."""
     covariance, basis = scaled_covariance(arm), arm.base.on_data
-    assert covariance is not None
-    assert basis is not None
     states = stack_states(arm.training_motions, subsample(arm.training_motions, rules.MAX_SAMPLES_BEYOND))
     middle = states["q"].mean(axis=0)
     rows = arm.model.regressor(2 * states["q"] - middle, 4 * states["dq"], 8 * states["ddq"])
@@ -211,7 +196,6 @@ def test_the_error_announced_on_a_larger_and_faster_motion_is_asked_for(arm: Ide
     right = rules.announced_error(arm)
     assert right == pytest.approx(100 * np.sqrt(variance) / torque)
     assert right < rules.MAX_ANNOUNCED_ERROR
-    assert arm.errors.base_std is not None
     for error, use in ((2.99, Use.SIMULATION), (3.01, Use.CONTROL), (30.0, Use.CONTROL)):
         larger = replace(arm, errors=replace(arm.errors, base_std=error / right * arm.errors.base_std))
         verdict = judge(larger)
@@ -237,7 +221,6 @@ def test_a_joint_clearly_above_its_noise_floor_is_never_praised_without_a_word(
     is_large = ratio > rules.MAX_FLOOR_RATIO and error * np.sqrt(1 - ratio**-2) > rules.MAX_EXCESS_ERROR
     reason = why.AboveFloor("two", (("elbow", floors["elbow"]),))
     assert (reason in verdict.reasons) == is_large
-    assert verdict.residual is not None
     assert verdict.residual.joint == "elbow"  # not the larger torque of the shoulder, which is noise
     assert f"{ratio:.2g} times" in str(verdict)
 
@@ -250,13 +233,11 @@ def test_the_residual_shown_is_where_most_torque_is_left(arm: Identification) ->
     )
     both = {"shoulder": test, "elbow": test}
     found = with_held(arm, errors=errors, residuals=both).residual
-    assert found is not None
     assert found.joint == "elbow"
     for name, wrong in (("lag1", np.nan), ("per_joint", {"shoulder": 9.0, "elbow": np.inf})):
         told = both | {"elbow": replace(test, lag1=np.nan)} if name == "lag1" else both
         other = replace(errors, per_joint=wrong) if name == "per_joint" else errors
         verdict = with_held(arm, errors=other, residuals=told)
-        assert verdict.residual is not None
         assert verdict.residual.joint == "shoulder"
     neither = {name: replace(test, lag1=np.nan) for name in both}
     assert with_held(arm, errors=errors, residuals=neither).residual is None

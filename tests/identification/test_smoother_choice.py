@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from dynident.identification import Recipe, choose_smoother, cross_validated_error, identify
 from dynident.identification import cross_validation as smoother_choice
 from dynident.identification.cross_validation import choose_by_joint
-from dynident.models.lagrangian import slider, two_link_arm
+from dynident.models.lagrangian import two_link_arm
 from dynident.models.simulation import record, simulate
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Butterworth, Difference, Spline, smooth_log
@@ -98,11 +98,6 @@ def test_identify_passes_its_executor_on() -> None:
     assert np.array_equal(found.estimate.value, alone.estimate.value)
 
 
-def test_no_candidates() -> None:
-    with pytest.raises(ConfigError, match="no smoother"):
-        choose_smoother(two_link_arm(), [log()], ())
-
-
 def test_the_error_is_that_of_held_out_stretches() -> None:
     """With noise-free data and motion it vanishes; with pure noise for torque it is about one hundred percent."""
     arm, known = two_link_arm(), motion()
@@ -129,12 +124,13 @@ def test_long_logs_are_judged_by_pieces(monkeypatch: pytest.MonkeyPatch) -> None
     assert set(seen) == {1000}
 
 
-def test_torques_of_zero_choose_nothing_and_are_named() -> None:
-    """As a log has them whose torque column is another one: an error in words."""
-    t = np.arange(1001) * 0.01
-    silent = Log(t, np.sin(t)[:, None], np.zeros((1001, 1)), ("slider",), "silent")
+def test_no_candidates_and_torques_of_zero_choose_nothing() -> None:
+    """Zero as of a log whose torque column is another one."""
+    with pytest.raises(ConfigError, match="no smoother"):
+        choose_smoother(two_link_arm(), [log()], ())
+    silent = replace(log(), tau=0 * log().tau, source="silent")
     with pytest.raises(InputError, match="silent: the torque is zero"):
-        choose_smoother(slider(), [silent], [Spline(sigma=1e-3), Spline(sigma=1e-2)])
+        choose_smoother(two_link_arm(), [silent], [Spline(sigma=1e-3), Spline(sigma=1e-2)])
 
 
 @cache

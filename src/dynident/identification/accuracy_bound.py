@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.identification.cramer_rao import NormalMatrix, normal_matrices
+from dynident.identification.cramer_rao import normal_matrices
 from dynident.identification.identify import identify
 from dynident.identification.recipe import Recipe
 from dynident.identification.result import Identification
@@ -19,11 +20,11 @@ from dynident.motion.log import Log, Motion
 from dynident.motion.splines import grid_step, noise_sigma, steady_noise
 from dynident.regression import BaseParameters, Regression, Selection, base_parameters, rank_of_information
 from dynident.runtime import ConfigError, InputError, Noun, choices, join_names, report_progress
+from dynident.runtime.arrays import Array
 
 if TYPE_CHECKING:
     import polars as pl
 
-Array = NDArray[np.float64]
 TorqueNoise = Literal["residual", "sensor"]
 # improvements: divisors of sigma_q and sigma_tau, and multiple of the length of the record
 CHANGES: Mapping[str, tuple[float, float, float]] = {
@@ -197,7 +198,9 @@ def _compute_bound(
     for motion in motions:
         samples += int(motion.mask.sum())
         for matrix in normal_matrices(identification.model, theta, motion, sensors.q, sensors.tau, columns, selection):
-            _add_information(sums, matrix)
+            information = cache(matrix.information)  # of changes that differ in the length of the record alone
+            for name, (finer_q, finer_tau, repeats) in CHANGES.items():
+                sums[name] += repeats * information(finer_q, finer_tau)
     std, correlations = {}, np.eye(len(columns))
     for name, S in sums.items():
         covariance = rank_of_information(S).covariance()
@@ -236,15 +239,6 @@ def _fit_std(identification: Identification, basis: BaseParameters) -> Array:
     return np.array([std_by_name.get(name, np.nan) for name in basis.groupings])
 
 
-def _add_information(sums: dict[str, Array], matrix: NormalMatrix) -> None:
-    """Add one stretch's information to that of each change; a longer record multiplies it."""
-    cache: dict[tuple[float, float], Array] = {}
-    for name, (finer_q, finer_tau, repeats) in CHANGES.items():
-        if (finer_q, finer_tau) not in cache:
-            cache[finer_q, finer_tau] = matrix.information(finer_q, finer_tau)
-        sums[name] += repeats * cache[finer_q, finer_tau]
-
-
 def noise_of(
     identification: Identification,
     logs: Sequence[Log],
@@ -262,7 +256,8 @@ def noise_of(
         raise ConfigError(f"torque is {torque!r}. {choices(torque, get_args(TorqueNoise))}")
     joints = identification.validations[0].motion.joints
     position = _mean_noise([_position_noise(log) for log in logs], logs)
-    sensor = _mean_noise([_torque_noise(log) for log in logs], logs)
+    # the median of differences, which is robust to jumps of Coulomb friction
+    sensor = _mean_noise([_limit_by_quantisation(steady_noise(log.tau, 1e-12), log.tau) for log in logs], logs)
     residual = _mean_noise(
         [np.array([validation.errors.rmse[name] for name in joints]) for validation in identification.validations], logs
     )
@@ -290,22 +285,16 @@ def _override_noise(
 
 
 def _position_noise(log: Log) -> Array:
-    steps = np.array([grid_step(q) for q in log.q.T])
     try:
         noise = noise_sigma(log.t, log.q)
     except InputError as error:
         raise InputError(f"{log.source}: {error}") from error
-    return _limit_by_quantisation(noise, steps)
+    return _limit_by_quantisation(noise, log.q)
 
 
-def _torque_noise(log: Log) -> Array:
-    """Return the torque's noise (n) by the median of differences, which is robust to jumps of Coulomb friction."""
-    steps = np.array([grid_step(tau) for tau in log.tau.T])
-    return _limit_by_quantisation(steady_noise(log.tau, 1e-12), steps)
-
-
-def _limit_by_quantisation(noise: Array, steps: Array) -> Array:
-    """Return the noise (n), at least that of quantisation in steps (n); nan for no quantisation."""
+def _limit_by_quantisation(noise: Array, x: Array) -> Array:
+    """Return the noise (n) of what was recorded as x (N, n), at least that of its quantisation, if there is one."""
+    steps = np.array([grid_step(column) for column in x.T])
     return np.asarray(np.maximum(noise, np.nan_to_num(steps) / np.sqrt(12)))
 
 

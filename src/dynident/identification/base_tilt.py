@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.estimators import Estimator, Problem
 from dynident.estimators.least_squares import solve_least_squares
 from dynident.identification.calibration_std import correlated_std
 from dynident.identification.cross_validation import FOLDS, Gain, factors_by_fold, gain_from_errors, prediction_errors
 from dynident.identification.mounting import find_mounting, tilt_base
-from dynident.identification.time_offset import trial_samples
+from dynident.identification.time_offset import training_error, trial_samples
 from dynident.models import Model, common_structure
 from dynident.motion.log import Motion, thin_motions
 from dynident.regression import (
@@ -33,8 +33,8 @@ from dynident.regression import (
     rank_of,
 )
 from dynident.runtime import Note, Severity, angles, percent
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_TILT = 0.2  # rad: a larger tilt is intended mounting
 MAX_AFFINE_ERROR = 1e-10  # of the largest entry: to what the rows must be affine in gravity
 MIN_GAIN = 2.0  # % of the squared cross-validated error that a tilt must remove
@@ -198,12 +198,9 @@ class _TiltGain:
         folds = [tuple(_keep_spread_fold(motion, k) for motion in motions) for k in range(FOLDS)]
         level = factors_by_fold(model, motions, FOLDS, selection, _keep_spread_fold)
         directions = rank_of(merge_factors(level).stack(), model.parameters).determined_directions
-        value = (
-            directions
-            @ _solve_with_std(
-                _project_factors(Regression(tilted_model, motions, selection.unfiltered).triangular_factors, directions)
-            )[0]
-        )
+        regression = Regression(tilted_model, motions, selection.unfiltered)
+        projected = _project_factors(regression.triangular_factors, directions)
+        value = directions @ solve_least_squares(projected.stack()).value
         # The tilt adds two columns, so that all folds are judged from triangular factors without another fit.
         slopes = [tilt_slopes(model, motion, value, tilt) for motion in motions]
         level = [_project_factors(fold_factors, directions) for fold_factors in level]
@@ -213,45 +210,29 @@ class _TiltGain:
         gain = gain_from_errors(prediction_errors(level, level), prediction_errors(tilted, tilted))
         merged_tilted, merged_level = merge_factors(tilted), merge_factors(level)
         best = solve_least_squares(merged_tilted.stack()).value[directions.shape[1] :] + tilt
-        residual, torque = (
-            merged_level.residual(_solve_with_std(merged_level)[0]).sum(),
-            np.square(merged_level.factors[:, :, -1]).sum(),
-        )
-        error = 100.0 * float(np.sqrt(residual / torque)) if torque > 0 else 0.0
-        find_std = partial(_linear_std, tilted_model, motions, slopes, directions, merged_tilted.stack(), selection)
+        error = training_error(merged_level, solve_least_squares(merged_level.stack()).value)
+        find_std = partial(_linear_std, regression, slopes, directions, merged_tilted.stack(), selection)
         return cls(gain, best, error, find_std)
 
 
-def _solve_with_std(triangular: TriangularFactors) -> tuple[Array, Array]:
-    """Return the least-squares solution (p) and its standard errors (p), inf where there are none."""
-    fit = solve_least_squares(triangular.stack())
-    return fit.value, np.sqrt(
-        np.diag(fit.directions.covariance(fit.rss / max(triangular.total - fit.directions.rank, 1)))
-    )
-
-
 def _linear_std(
-    model: Model,
-    motions: tuple[Motion, ...],
-    slopes: Sequence[Array],
-    directions: Array,
-    factor: Array,
-    selection: Selection,
+    regression: Regression, slopes: Sequence[Array], directions: Array, factor: Array, selection: Selection
 ) -> Array:
     """Return the standard errors (2) of a tilt whose ``slopes`` are columns of the ``factor`` beside the directions."""
+    model = regression.model
     r = directions.shape[1]
     fit = solve_least_squares(factor)
     # what the directions explain of each slope does not tell anything of the tilt
     shared = directions @ np.linalg.lstsq(factor[:r, :r], factor[:r, r : r + 2], rcond=None)[0]
     lines, residuals = [], []
-    for motion, slope in zip(motions, slopes, strict=True):
+    for motion, slope in zip(regression.motions, slopes, strict=True):
         states, used = motion.states(), fitted_mask(motion, selection.min_speed).T
         lines.append(
             np.stack([(slope[k] - model.torque(**states, theta=shared[:, k])).T * used for k in range(2)], axis=2)
         )
         torque = model.torque(**states, theta=directions @ fit.value[:r]) + np.tensordot(fit.value[r:], slope, 1)
         residuals.append((motion.tau - torque).T * used)
-    return correlated_std(lines, residuals, Regression(model, motions, selection.unfiltered))
+    return correlated_std(lines, residuals, regression)
 
 
 def _project_factors(triangular: TriangularFactors, directions: Array) -> TriangularFactors:

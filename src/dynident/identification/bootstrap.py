@@ -29,12 +29,12 @@ from dynident.regression import (
     one_thread,
 )
 from dynident.runtime import ConfigError, InputError, Noun, Step, call_part, report_progress
+from dynident.runtime.arrays import Array
 from dynident.runtime.jobs import Limits, Status, run_jobs
 
 if TYPE_CHECKING:
     import polars as pl
 
-Array = NDArray[np.float64]
 Draw = tuple[int, tuple[int, ...]]  # the number of a repetition, and how often it has each stretch
 MIN_STRETCHES = 10  # stretches, below which what is drawn from them says little
 MIN_STRETCH_SAMPLES = 20  # usable samples of a stretch
@@ -179,8 +179,7 @@ def _stretches(regression: Regression, blocks: int) -> Sequence[RegressionPart]:
     if len(stretches) < MIN_STRETCHES:
         raise InputError(
             f"{samples} samples of training are {len(stretches)} stretches of at least {MIN_STRETCH_SAMPLES} "
-            f"to draw from; {MIN_STRETCHES} are "
-            "needed: record longer."
+            f"to draw from; {MIN_STRETCHES} are needed: record longer."
         )
     return stretches
 

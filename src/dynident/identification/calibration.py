@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Estimate, Estimator, Problem
 from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt
-from dynident.identification.cross_validation import (
-    SmootherChoice,
-    motion_gain,
-)
+from dynident.identification.cross_validation import SmootherChoice, motion_gain
 from dynident.identification.dataset import Dataset, RoleMotions
 from dynident.identification.mounting import has_gravity, tilt_base
 from dynident.identification.prior_strength import PriorStrength, find_prior_strength, with_strength
@@ -69,7 +65,6 @@ def with_load(
     return loaded_model
 
 
-Array = NDArray[np.float64]
 PLAIN_TERMS = (RotorInertia, Viscous, Coulomb, Offset)
 
 
@@ -137,14 +132,8 @@ class Preparation:
         pairs = list(zip(other.motions.train, self.motions.train, strict=True))
         common = [replace(new, mask=old.mask & new.mask) for old, new in pairs]
         rows = subsample(common, trial_samples(self.model))
-        before, after = (
-            [
-                self.model.remembering(pair[k]).shift(0.0, at)
-                for pair, at in zip(pairs, rows, strict=True)
-                if len(at) > 1
-            ]
-            for k in range(2)
-        )
+        chosen = [(pair, at) for pair, at in zip(pairs, rows, strict=True) if len(at) > 1]
+        before, after = ([self.model.remembering(pair[k]).shift(0.0, at) for pair, at in chosen] for k in range(2))
         gain = motion_gain(self.model, before, after)
         return gain.sure and gain.share > MIN_GAIN
 
@@ -200,14 +189,10 @@ class Setup:
     calibration: Calibration
 
     @property
-    def time_offset(self) -> float:
-        """The time (s) by which the positions are stamped later than the torque."""
-        return self.motions.train[0].time_offset
-
-    @property
     def notes(self) -> tuple[Note, ...]:
         """What is to be said of the calibration."""
-        return steep_note(self.calibration.base_tilt)
+        tilt = self.calibration.base_tilt
+        return (SteepBase(*tilt.steep),) if tilt and tilt.steep else ()
 
 
 def calibrate(preparation: Preparation, model: Model, recipe: Recipe) -> Setup:
@@ -231,33 +216,34 @@ def calibrate(preparation: Preparation, model: Model, recipe: Recipe) -> Setup:
     return Setup(model, used_recipe, motions, alignment, calibration)
 
 
-def steep_note(tilt: BaseTilt | None) -> tuple[Note, ...]:
-    """Return the note on a tilt too large for a mounting error."""
-    return (SteepBase(*tilt.steep),) if tilt and tilt.steep else ()
-
-
 @dataclass(frozen=True, eq=False)
 class ChosenTerms:
-    """A model and recipe with the terms that the data chose, and what the recipe names that was not chosen."""
+    """A model and recipe with the terms that the data chose, and what is to be said of the choice."""
 
     model: Model
     recipe: Recipe
     choice: TermChoice
-    absent: tuple[NotChosen, ...]
-
-    @property
-    def notes(self) -> tuple[Note, ...]:
-        """What is to be said of the choice."""
-        return self.absent if self.choice.trials else (*self.absent, PlainTerms())
+    notes: tuple[Note, ...]
 
 
 def add_chosen_terms(model: Model, recipe: Recipe, preparation: Preparation) -> ChosenTerms:
-    """Choose the terms of a model on prepared motions; return model and recipe with them."""
-    choice = choose_model_terms(
-        model, preparation.angles, preparation.motions.train, recipe.selection(model.joints), recipe.proposed
-    )
-    model, chosen_recipe, absent = with_choice(model, recipe, choice)
-    return ChosenTerms(model, replace(chosen_recipe, proposed=()), choice, absent)
+    """Choose the terms of a model on prepared motions; return model and recipe with them, and with minimum speeds.
+
+    A note is on parameters that the recipe names, that might have been chosen, and were not.
+    """
+    choice = _choose_model_terms(model, recipe, preparation)
+    model = replace(model.with_terms(*choice.terms), chooses_terms=False, proposed=())
+    recipe_names = recipe.estimator.named
+    absent_names = tuple(name for name in recipe_names if name not in model.names and name in _eligible_names(model))
+    # with those that are misspelt, which the estimator refuses
+    kept_names = [name for name in recipe_names if name not in absent_names]
+    estimator = recipe.estimator.among((*model.names, *kept_names)) if absent_names else recipe.estimator
+    speeds: Mapping[str, float] | float | None = recipe.min_speed
+    if speeds is None:
+        speeds = {name: v for name, v in zip(choice.joints, choice.min_speed, strict=True) if v} or None
+    recipe = replace(recipe, estimator=estimator, min_speed=speeds, terms=None, proposed=())
+    absent, plain = (NotChosen(absent_names),) if absent_names else (), () if choice.trials else (PlainTerms(),)
+    return ChosenTerms(model, recipe, choice, (*absent, *plain))
 
 
 MIN_GAIN = 1.0  # % of the squared cross-validated error that another alignment must remove
@@ -300,21 +286,6 @@ def choose_in_rounds(
     return terms, preparation.with_terms(terms.model, terms.recipe)
 
 
-def with_choice(model: Model, recipe: Recipe, choice: TermChoice) -> tuple[Model, Recipe, tuple[NotChosen, ...]]:
-    """Return model and recipe with the chosen terms and minimum speeds, and a note on parameters without a term.
-
-    The note is on parameters that the recipe names, that might have been chosen, and were not.
-    """
-    model = replace(model.with_terms(*choice.terms), chooses_terms=False, proposed=())
-    recipe_names = recipe.estimator.named
-    absent_names = tuple(name for name in recipe_names if name not in model.names and name in _eligible_names(model))
-    # with those that are misspelt, which the estimator refuses
-    kept_names = [name for name in recipe_names if name not in absent_names]
-    estimator = recipe.estimator.among((*model.names, *kept_names)) if absent_names else recipe.estimator
-    recipe = replace(recipe, estimator=estimator, min_speed=_min_speeds(recipe, choice), terms=None)
-    return model, recipe, (NotChosen(absent_names),) if absent_names else ()
-
-
 def _eligible_names(model: Model) -> set[str]:
     """Return the names of the parameters of all terms that might be chosen."""
     # Sizes do not matter here: any excitation gives the names of the parameters.
@@ -323,31 +294,19 @@ def _eligible_names(model: Model) -> set[str]:
     return {parameter.name for term in terms for parameter in term.parameters}
 
 
-def choose_model_terms(
-    model: Model,
-    tilt: tuple[float, float] | None,
-    motions: tuple[Motion, ...],
-    selection: Selection,
-    proposed: Sequence[type],
-) -> TermChoice:
+def _choose_model_terms(model: Model, recipe: Recipe, preparation: Preparation) -> TermChoice:
     """Choose the terms of a model on its tilted base; the plain set where samples are too few.
 
-    Classes that are ``proposed`` take part beside those of the library. Raises the other errors of
+    Classes that the recipe proposes take part beside those of the library. Raises the other errors of
     ``choose_terms``.
     """
+    tilt = preparation.angles
     bodies = drop_load_dependence(model if tilt is None else tilt_base(model, *tilt))
-    named = ((term_class.__name__, term_class) for term_class in proposed)
-    kinds = (*library_kinds(), *(kind_of_class(name, term_class) for name, term_class in named))
+    motions = tuple(map(bodies.remembering, preparation.motions.train))
+    kinds = (*library_kinds(), *(kind_of_class(proposed.__name__, proposed) for proposed in recipe.proposed))
     try:
-        return choose_terms(bodies, tuple(map(bodies.remembering, motions)), selection, kinds=kinds)
+        return choose_terms(bodies, motions, recipe.selection(model.joints), kinds=kinds)
     except TooFewSamplesError:
         joints = tuple(joint.name for joint in model.joints)
         unknown, no_speeds = (np.nan,) * len(joints), (0.0,) * len(joints)
         return TermChoice(joints, with_plain_terms(model).terms[len(model.terms) :], (), unknown, unknown, no_speeds)
-
-
-def _min_speeds(recipe: Recipe, choice: TermChoice) -> Mapping[str, float] | float | None:
-    """Return the minimum speed of the recipe, else that of the joints for which one was chosen."""
-    if recipe.min_speed is not None:
-        return recipe.min_speed
-    return {name: speed for name, speed in zip(choice.joints, choice.min_speed, strict=True) if speed} or None

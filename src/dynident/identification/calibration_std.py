@@ -8,6 +8,7 @@ from contextlib import suppress
 import numpy as np
 
 from dynident.estimators.least_squares import solve_least_squares
+from dynident.motion.filters import one_pole_filter
 from dynident.regression import Regression, base_parameters
 from dynident.regression.whitening import long_run
 from dynident.runtime import ModelError
@@ -21,8 +22,6 @@ def correlated_std(lines: Sequence[Array], residuals: Sequence[Array], regressio
     ``lines`` (n, N, k) are the derivatives of the ``residuals`` (n, N) of each motion by the unknowns, from which all
     other parameters are eliminated; ``regression`` is that at their values. Infinite for unknowns without effect.
     """
-    from scipy.signal import lfilter
-
     A = np.sum([np.einsum("jti,jtk->ik", line, line) for line in lines], axis=0)
     if not np.all(np.diag(A) > 0):
         return np.full(len(A), np.inf)
@@ -31,7 +30,7 @@ def correlated_std(lines: Sequence[Array], residuals: Sequence[Array], regressio
     coloured = np.zeros_like(A)
     for j, (v, rho) in enumerate(_noise_of(regression)):
         for line in lines:
-            sums = line[j].T @ lfilter([1.0], [1.0, -rho], line[j], axis=0)
+            sums = line[j].T @ one_pole_filter(rho, line[j].T).T
             coloured += v * (sums + sums.T - line[j].T @ line[j])
     inverse = np.linalg.pinv(A)
     return np.asarray(np.sqrt(np.maximum(*(np.diag(inverse @ part @ inverse) for part in (S, coloured)))))

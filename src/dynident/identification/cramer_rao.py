@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.estimators.maximum_likelihood.trajectory import Arrow, add_ahead, add_rows, band_of, places
 from dynident.models import Model
@@ -20,8 +20,7 @@ from dynident.motion.splines import stretches
 from dynident.motion.splines.quintic import local_basis
 from dynident.regression import EVERYTHING, Selection, fitted_rows, rank_of_information
 from dynident.runtime import ConfigError, ModelError, Noun
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 
 def cramer_rao_bound(

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from dynident.estimators.least_squares import solve_least_squares
 from dynident.models import Model, Parameter
-from dynident.motion.log import Log, Motion, spread_pieces, subsample
+from dynident.motion.log import Log, Motion, spread_pieces, thin_motions
 from dynident.motion.smoothers import Smoother, TimeShifted, smooth_log, strip_time_offset
 from dynident.regression import EVERYTHING, Regression, Selection, TriangularFactors, factorise, fitted_mask, rank_of
 from dynident.runtime import ConfigError, InputError, Step, brief, part_text, percent, report_progress, short
+from dynident.runtime.arrays import Array
 from dynident.runtime.jobs import run_jobs
 
-Array = NDArray[np.float64]
 FOLDS = 10
 
 
@@ -47,9 +47,7 @@ def motion_gain(model: Model, before: Sequence[Motion], after: Sequence[Motion],
     Both have the same samples and are compared on those that both fit, so that neither wins by leaving samples
     out.
     """
-    common = [
-        fitted_mask(old_motion) & fitted_mask(new_motion) for old_motion, new_motion in zip(before, after, strict=True)
-    ]
+    common = [fitted_mask(old) & fitted_mask(new) for old, new in zip(before, after, strict=True)]
     old, new = (
         left_out_errors(
             model, motions, [replace(motion, keep=keep) for motion, keep in zip(motions, common, strict=True)], folds
@@ -101,10 +99,8 @@ def prediction_errors(
     size = np.sqrt(sum(np.square(fold.factors[:, :, -1]).sum(axis=1) for fold in train_folds))
     weights = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0) if relative else None
     # Factors of the other folds merge by stacking, so that leaving a fold out needs no pass over the samples.
-    stacked, rows = (
-        np.stack([fold.stack(weights) for fold in train_folds]),
-        np.array([fold.total for fold in train_folds]),
-    )
+    stacked = np.stack([fold.stack(weights) for fold in train_folds])
+    rows = np.array([fold.total for fold in train_folds])
     errors = []
     for k, fold in enumerate(test_folds):
         factor = TriangularFactors(np.delete(stacked, k, axis=0), np.delete(rows, k)).stack()
@@ -194,7 +190,8 @@ def choose_smoother(
             errors.append(np.inf)
             continue
         # The same samples for every candidate, so that only the motion differs.
-        common = _thin_motions([model.remembering(motion) for motion in motions], masks)
+        pairs = zip(map(model.remembering, motions), masks, strict=True)
+        common = thin_motions([replace(motion, mask=mask) for motion, mask in pairs], REGRESSION_SAMPLES)
         errors.append(cross_validated_error(model, common, folds))
     best_candidates = np.flatnonzero(np.array(errors) <= min(errors) * (1 + MAX_TIE_DIFFERENCE))
     if not len(best_candidates):
@@ -238,8 +235,7 @@ def choose_by_joint(
         motions = [
             _mix_joints([candidate[k] for candidate in all_motions], index, mask) for k, mask in enumerate(masks)
         ]
-        rows = subsample(motions, JOINT_SAMPLES)
-        thin = [model.remembering(motion).shift(0.0, at) for motion, at in zip(motions, rows, strict=True)]
+        thin = thin_motions([model.remembering(motion) for motion in motions], JOINT_SAMPLES)
         return left_out_errors(model, thin, folds=folds)
 
     index = [choice.candidates.index(choice.smoother)] * len(model.joints)
@@ -298,11 +294,8 @@ def _smooth_ahead(
 
     A candidate that fails is left for this process, where its error is raised.
     """
-    new_smoothers = tuple(
-        {
-            id(smoother): smoother for smoother in map(strip_time_offset, candidates) if id(smoother) not in cache
-        }.values()
-    )
+    unshifted = map(strip_time_offset, candidates)
+    new_smoothers = tuple({id(smoother): smoother for smoother in unshifted if id(smoother) not in cache}.values())
     for outcome in run_jobs(_Smoothing(new_smoothers, tuple(logs)), range(len(new_smoothers)), executor):
         if outcome.value is not None:
             cache[id(new_smoothers[outcome.job])] = outcome.value
@@ -336,15 +329,12 @@ def _motions(smoother: Smoother, logs: Sequence[Log], cache: dict[int, tuple[Mot
 
 def _common_masks(candidate_motions: Sequence[tuple[Motion, ...]], min_samples: int) -> list[NDArray[np.bool_]]:
     """Return the samples of each log that are reliable for every candidate, or for any where too few are left."""
-    masks = [
-        np.logical_and.reduce([motion.mask for motion in motions]) for motions in zip(*candidate_motions, strict=True)
-    ]
-    if not all(mask.sum() >= min_samples for mask in masks):  # the widest kernels leave too little in common
-        masks = [
-            np.logical_or.reduce([motion.mask for motion in motions])
-            for motions in zip(*candidate_motions, strict=True)
-        ]
-    return masks
+    both, either = (
+        [combine.reduce([motion.mask for motion in motions]) for motions in zip(*candidate_motions, strict=True)]
+        for combine in (np.logical_and, np.logical_or)
+    )
+    # the widest kernels may leave too little in common
+    return both if all(mask.sum() >= min_samples for mask in both) else either
 
 
 def cut_excerpts(logs: Sequence[Log]) -> list[Log]:
@@ -372,12 +362,3 @@ def cross_validated_error(model: Model, motions: Sequence[Motion], folds: int = 
     total = sum(float(np.square(part.factors[:, :, -1]).sum()) for part in parts)
     squared_error = prediction_errors(parts, parts, model.parameters, relative=False).sum()
     return 100.0 * float(np.sqrt(squared_error / total)) if total > 0 else float("nan")
-
-
-def _thin_motions(motions: Sequence[Motion], masks: Sequence[NDArray[np.bool_]]) -> tuple[Motion, ...]:
-    """Return the motions at a few of the samples in the masks, all of them usable."""
-    masked = [replace(motion, mask=mask) for motion, mask in zip(motions, masks, strict=True)]
-    return tuple(
-        masked_motion.shift(0.0, rows)
-        for masked_motion, rows in zip(masked, subsample(masked, REGRESSION_SAMPLES), strict=True)
-    )

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
@@ -26,6 +25,7 @@ from dynident.motion.log import Log
 from dynident.motion.smoothers import smooth_log, strip_time_offset
 from dynident.regression import Regression, one_thread
 from dynident.runtime import Note, Step, call_part, report_progress
+from dynident.runtime.arrays import Array
 from dynident.validation import (
     FreeRun,
     LogValidation,
@@ -38,7 +38,6 @@ from dynident.validation import (
     with_floors,
 )
 
-Array = NDArray[np.float64]
 MAX_CORRECTED_BIAS = 0.1  # share of the torque above which a bias by errors of the motion is too large to be corrected
 ROLES: tuple[Literal["train", "validation"], ...] = ("train", "validation")
 
@@ -71,7 +70,11 @@ def identify(
         regression = Regression(setup.model, setup.motions.train, setup.recipe.selection(setup.model.joints))
         report_progress("reducing the regression to triangular factors")
         problem = Problem(
-            setup.model, setup.motions.train, regression.factorise(), data.fitted_logs(setup.motions), setup.time_offset
+            setup.model,
+            setup.motions.train,
+            regression.factorise(),
+            data.fitted_logs(setup.motions),
+            setup.motions.train[0].time_offset,
         )
         fit = estimate_parameters(problem, setup.recipe.estimator, setup.alignment, setup.calibration.base_tilt)
         calibration, notes = setup.calibration, setup.notes

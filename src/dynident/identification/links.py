@@ -14,12 +14,12 @@ from dynident.estimators import Provenance
 from dynident.models import INERTIAL, RigidBodies, to_physical
 from dynident.models.inertia import COLUMNS, ROWS
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
 if TYPE_CHECKING:
     from dynident.identification.result import Identification
 
 
-Array = NDArray[np.float64]
 ROUNDING_SHARE = 1e-6  # share of a quantity's gradient off the determined directions below which it is rounding
 MIN_WEIGHT = 1e-9  # weight of a base parameter in a quantity, relative to the largest, that is rounding
 N_VALUES = 7  # mass, centre of mass (3), principal moments (3)

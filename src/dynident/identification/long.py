@@ -14,7 +14,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Estimate, Pieces, Problem
 from dynident.estimators.notes import LimitedByMotion, MotionCorrected
@@ -59,7 +58,6 @@ from dynident.runtime import (
 )
 from dynident.validation import clustered_std
 
-Array = NDArray[np.float64]
 MEMORY_DURATION = 10.0  # s before a piece from which terms that remember are followed
 
 
@@ -156,34 +154,28 @@ def identify_from_pieces(
 
     Raises the errors of ``identify``.
     """
-    with one_thread():
-        return _identify_from_pieces(plan, pieces, validation)
-
-
-def _identify_from_pieces(
-    plan: PiecePlan, pieces: Sequence[PieceFactors], validation: Mapping[str, Log] | Sequence[Log]
-) -> Identification:
     model, recipe = plan.reducer.model, plan.reducer.recipe
     (smoother,) = recipe.smoothers
-    data = Dataset.of(plan.logs, validation, recipe, tuple(joint.name for joint in model.joints))
-    motions = data.motions(model, smoother, recipe)
-    train_motions = motions.remember(model).train
-    sample = Regression(model, train_motions, recipe.selection(model.joints))
 
     def parts() -> Iterator[TriangularFactors]:
         return (unpack_factors(piece.factors, piece.rows, model.structure) for piece in pieces)
 
-    report_progress("estimating")
-    # The factors replace the pass over all samples; the excerpts stand for what needs samples.
-    regression = sample.with_factors(merge_factors(parts()))
-    problem = Problem(model, train_motions, regression, data.fitted_logs(motions), train_motions[0].time_offset)
-    clustered = partial(clustered_std, parts)
-    fit = _estimate_from_pieces(problem, sample, plan, pieces, clustered)
-    residuals = _piece_residuals(plan, pieces, parts(), fit.regression, fit.estimate)
-    estimate = replace(fit.estimate, residual=replace(fit.estimate.residual, pieces=residuals))
-    notes = (_pieces_note(plan, residuals, model),)
-    calibration = plan.identification.calibration
-    return conclude(replace(fit, estimate=estimate), data, motions, recipe, calibration, notes, clustered)
+    with one_thread():
+        data = Dataset.of(plan.logs, validation, recipe, tuple(joint.name for joint in model.joints))
+        motions = data.motions(model, smoother, recipe)
+        train_motions = motions.remember(model).train
+        sample = Regression(model, train_motions, recipe.selection(model.joints))
+        report_progress("estimating")
+        # The factors replace the pass over all samples; the excerpts stand for what needs samples.
+        regression = sample.with_factors(merge_factors(parts()))
+        problem = Problem(model, train_motions, regression, data.fitted_logs(motions), train_motions[0].time_offset)
+        clustered = partial(clustered_std, parts)
+        fit = _estimate_from_pieces(problem, sample, plan, pieces, clustered)
+        residuals = _piece_residuals(plan, pieces, parts(), fit.regression, fit.estimate)
+        estimate = replace(fit.estimate, residual=replace(fit.estimate.residual, pieces=residuals))
+        notes = (_pieces_note(plan, residuals, model),)
+        calibration = plan.identification.calibration
+        return conclude(replace(fit, estimate=estimate), data, motions, recipe, calibration, notes, clustered)
 
 
 def _estimate_from_pieces(
@@ -219,16 +211,12 @@ def _estimate_from_pieces(
     if not any(isinstance(note, MotionCorrected) for note in corrected.notes):
         return corrected
     remaining_std = np.sqrt(np.einsum("ij,jk,ik->i", basis.combination, remaining_covariance, basis.combination))
-    return replace(corrected, notes=(*corrected.notes, *_limit_note(basis.groupings, remaining_std, std)))
-
-
-def _limit_note(names: Sequence[str], remaining_std: Array, std: Array) -> tuple[Note, ...]:
-    """Return the note on standard errors that are mostly the remaining bias by errors of the motion."""
-    limited = np.flatnonzero(remaining_std > std)
-    if not len(limited):
-        return ()
-    worst = int(np.argmax(np.divide(remaining_std, std, out=np.zeros_like(std), where=std > 0)))
-    return (LimitedByMotion(names[worst], len(limited), len(names)),)
+    limited = int((remaining_std > std).sum())
+    if not limited:  # standard errors are not mostly the remaining bias by errors of the motion
+        return corrected
+    ratio = np.divide(remaining_std, std, out=np.zeros_like(std), where=std > 0)
+    note = LimitedByMotion(basis.groupings[int(np.argmax(ratio))], limited, basis.rank)
+    return replace(corrected, notes=(*corrected.notes, note))
 
 
 def _piece_residuals(

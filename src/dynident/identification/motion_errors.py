@@ -14,7 +14,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Estimate
 from dynident.estimators.least_squares import solve_least_squares, weight_joints
@@ -33,9 +32,8 @@ from dynident.motion.smoothers import Smoother, strip_time_offset
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import Regression, TriangularFactors, base_parameters, base_std, factorise, merge_factors
 from dynident.runtime import InputError, ModelError, Noun, call_part
+from dynident.runtime.arrays import Array
 from dynident.validation import correlated_std
-
-Array = NDArray[np.float64]
 
 
 class RepetitionFactors(Noun):
@@ -220,16 +218,10 @@ def motion_errors(
         bias, bias_covariance = repeated.bias(parts)
         worst = largest_residuals(parts)
         # Draws of the noise as torque errors of the corrected motion; those larger than any residual did not happen.
-        torques = [
-            np.stack(
-                [
-                    drop_unlikely_errors(part.torque(model, estimate.value, part.noise(rng)), worst)
-                    for _ in range(NOISE_DRAWS)
-                ],
-                axis=2,
-            )
-            for part in parts
-        ]
+        torques = []
+        for part in parts:
+            draws = [part.torque(model, estimate.value, part.noise(rng)) for _ in range(NOISE_DRAWS)]
+            torques.append(np.stack([drop_unlikely_errors(e, worst) for e in draws], axis=2))
     except InputError:
         return None
     ones = _unit_weights(weights, triangular.rows)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.identification.links import scaled_covariance
 from dynident.identification.result import Identification
+from dynident.identification.training_parts import TrainingParts, parts_of
 from dynident.identification.verdict_steps import (
     MIN_GAIN_SHARE,
     CheckRipple,
@@ -25,12 +25,11 @@ from dynident.identification.verdict_steps import (
     gain_points,
     judged_log,
 )
-from dynident.motion.log import stack_states, subsample
-from dynident.regression import UnexcitedParameters, fitted_mask
-from dynident.runtime import Noun
+from dynident.motion.log import subsample
+from dynident.regression import UnexcitedParameters
+from dynident.runtime.arrays import Array
 from dynident.validation import SLOW_SPEED_SHARE, Cause, LogValidation, ResidualRipple, Reversals
 
-Array = NDArray[np.float64]
 MIN_RELATIVE_STD = 0.3  # standard error over value from which a parameter wants better data
 MIN_TORQUE_SHARE = 1.0  # %, of the torque, that the standard error must be worth for that
 MAX_PARAMETER_STEPS = 5  # next steps on single parameters
@@ -123,7 +122,9 @@ def _sharpening_steps(identification: Identification) -> Iterator[Sharpen]:
         value, names, leads = basis.to_base(identification.estimate.value), basis.groupings, basis.independent
     if std is None:
         return
-    columns, torque = _training_equations(identification)
+    pairs = [(motion, subsample([motion], MAX_SAMPLES)[0]) for motion in identification.training_motions]
+    columns = np.concatenate([identification.model.regressor(**motion.states(rows)) for motion, rows in pairs])
+    torque = np.concatenate([motion.tau[rows] for motion, rows in pairs])
     # The torque of one standard error, relative to that of the training: parameters without effect do not matter.
     share = 100.0 * std * np.linalg.norm(columns, axis=(0, 1))[list(leads)] / (np.linalg.norm(torque) or 1.0)
     uncertain = np.flatnonzero((std > MIN_RELATIVE_STD * np.abs(value)) & (share > MIN_TORQUE_SHARE) & np.isfinite(std))
@@ -135,17 +136,6 @@ def _sharpening_steps(identification: Identification) -> Iterator[Sharpen]:
         faster = float(np.sqrt(needed)) if how is ExcitingMotion.ACCELERATE else None
         figures = float(value[k]), float(std[k]), float(share[k])
         yield Sharpen(names[k], *figures, how, joint, faster, gain=gain)
-
-
-def _training_equations(identification: Identification) -> tuple[Array, Array]:
-    """Return regressor (M, n, p) and torque (M, n) of some samples of the training."""
-    motions = identification.training_motions
-    columns, torque = [], []
-    for motion in motions:
-        (rows,) = subsample([motion], MAX_SAMPLES)
-        columns.append(identification.model.regressor(**motion.states(rows)))
-        torque.append(motion.tau[rows])
-    return np.concatenate(columns), np.concatenate(torque)
 
 
 def _gains_if_known(
@@ -189,124 +179,12 @@ def _motion_for(identification: Identification, column: int) -> tuple[ExcitingMo
     threshold = 1e-9 * full.max()  # a share, so that the unit does not count
     acting = [joint.name for joint, size in zip(model.joints, full.max(axis=0), strict=True) if size > threshold]
     joint = acting[-1] if acting else None
-    role = model.parameters[column].role
-    if role in ("viscous", "coulomb"):
-        return ExcitingMotion.CONSTANT_SPEEDS, joint
-    if standing.max() > threshold:
-        return ExcitingMotion.MANY_POSES, joint
-    if starting.max() > threshold:
-        return ExcitingMotion.ACCELERATE, joint
+    if model.parameters[column].role not in ("viscous", "coulomb"):
+        if standing.max() > threshold:
+            return ExcitingMotion.MANY_POSES, joint
+        if starting.max() > threshold:
+            return ExcitingMotion.ACCELERATE, joint
     return ExcitingMotion.CONSTANT_SPEEDS, joint
-
-
-MAX_TRAINING_SAMPLES = 4000  # of all training motions, up to twice as many
-N_PARTS = 20  # of all training motions, about
-RANK_TOLERANCE = 1e-5  # share of the largest singular value below which the data say nothing
-MIN_DIRECTION_SHARE = 1e-3  # share of a direction that must be left where samples are left out
-
-
-class TrainingParts(Noun):
-    """Thinned samples of the training: of each its ``log`` (M), time ``t`` (M), and ``part`` (M), by number.
-
-    Rows ``Z`` (M, n, r) and torque ``y`` (M, n) are times the ``weight`` (n) of each joint, zero where the fit leaves
-    an equation out; in the coordinates of Z the sum of all Z'Z is one.
-    """
-
-    names: tuple[str, ...]
-    log: NDArray[np.intp]
-    part: NDArray[np.intp]
-    t: Array
-    Z: Array
-    y: Array
-    weight: Array
-
-    @cached_property
-    def residual(self) -> Array:
-        """The residual (M, n) of the weighted torque of each part, predicted from the others."""
-        return self.residual_without(np.zeros(self.y.shape, dtype=bool))
-
-    def residual_without(self, out: NDArray[np.bool_]) -> Array:
-        """Return this residual without the equations ``out`` (M, n); nan where the rest determines too little."""
-        residual = np.full(self.y.shape, np.nan)
-        # Equations left out are subtracted from all normal equations; those of the part itself only once.
-        omitted_sums = [self._sums(out & (self.part == k)[:, None]) for k in range(self.count)]
-        A, b = (total - sum(sums[i] for sums in omitted_sums) for i, total in enumerate(self._total_sums))
-        for k, (part_sums, part_omitted) in enumerate(zip(self._part_sums, omitted_sums, strict=True)):
-            try:
-                L = np.linalg.cholesky(A - part_sums[0] + part_omitted[0])
-            except np.linalg.LinAlgError:
-                continue
-            # In these coordinates all data have information one: a small pivot is a direction the others do not show.
-            if (np.diag(L) ** 2 > MIN_DIRECTION_SHARE).all():
-                in_part = self.part == k
-                residual[in_part] = self.y[in_part] - self.Z[in_part] @ np.linalg.solve(
-                    L.T, np.linalg.solve(L, b - part_sums[1] + part_omitted[1])
-                )
-        return residual
-
-    @property
-    def count(self) -> int:
-        """Number of parts."""
-        return int(self.part.max(initial=-1)) + 1
-
-    def squares(self, residual: Array, rows: NDArray[np.bool_] | None = None) -> Array:
-        """Return the sums of squares (K, n) of the ``residual`` (M, n) over each part, of the ``rows`` (M) alone."""
-        squared = np.square(residual) if rows is None else np.where(rows[:, None], np.square(residual), 0.0)
-        return np.array([squared[self.part == k].sum(axis=0) for k in range(self.count)])
-
-    @cached_property
-    def _part_sums(self) -> list[tuple[Array, Array]]:
-        return [self._sums(np.repeat((self.part == k)[:, None], self.y.shape[1], axis=1)) for k in range(self.count)]
-
-    @cached_property
-    def _total_sums(self) -> tuple[Array, Array]:
-        return np.sum([sums[0] for sums in self._part_sums], axis=0), np.sum(
-            [sums[1] for sums in self._part_sums], axis=0
-        )
-
-    def _sums(self, mask: NDArray[np.bool_]) -> tuple[Array, Array]:
-        Z, y = self.Z[mask], self.y[mask]
-        return Z.T @ Z, Z.T @ y
-
-
-def parts_of(identification: Identification) -> TrainingParts:
-    """Return the parts of the training of an identification, each joint weighted by its residual."""
-    motions = identification.training_motions
-    rows = subsample(motions, MAX_TRAINING_SAMPLES)
-    selection = identification.recipe.selection(identification.model.joints)
-    pairs = list(zip(motions, rows, strict=True))
-    tau, t = (np.concatenate([getattr(motion, name)[indices] for motion, indices in pairs]) for name in ("tau", "t"))
-    is_fitted = np.concatenate([fitted_mask(motion, selection.min_speed, indices) for motion, indices in pairs])
-    Y = identification.model.regressor(**stack_states(motions, rows))
-    size = np.sqrt(np.mean(np.where(is_fitted, tau - Y @ identification.estimate.value, 0.0) ** 2, axis=0))
-    weight = 1.0 / np.where(size > 0, size, 1.0)
-    X, y = Y * (weight * is_fitted)[:, :, None], tau * weight * is_fitted
-    log = np.repeat(np.arange(len(motions)), list(map(len, rows)))
-    names = tuple(validation.name for validation in identification.of_role("train"))
-    return TrainingParts(names, log, _part_numbers(list(map(len, rows))), t, X @ _coordinates(X), y, weight)
-
-
-def _part_numbers(lengths: Sequence[int]) -> NDArray[np.intp]:
-    """Return the part number of each sample; no part has samples of two logs."""
-    numbers, total = list[NDArray[np.intp]](), sum(lengths) or 1
-    for length in lengths:
-        count = max(1, round(N_PARTS * length / total))
-        start = int(numbers[-1][-1]) + 1 if numbers else 0
-        if length:
-            numbers.append(start + np.arange(length) * count // length)
-    return np.concatenate(numbers) if numbers else np.zeros(0, dtype=np.intp)
-
-
-def _coordinates(X: Array) -> Array:
-    """Return the map (p, r) of rows X (M, n, p) to coordinates in which the sum of their squares is the identity.
-
-    Directions that the rows do not determine are left out.
-    """
-    scale = np.linalg.norm(X, axis=(0, 1))
-    scale = np.where(scale > 0, scale, 1.0)
-    _, singular, directions = np.linalg.svd(np.linalg.qr((X / scale).reshape(-1, X.shape[2]), mode="r"))
-    is_determined = singular > RANK_TOLERANCE * singular.max(initial=0.0)
-    return np.asarray(directions[: len(singular)][is_determined].T / singular[is_determined] / scale[:, None])
 
 
 MIN_ODD_RATIO = 4.0  # times the median squared residual of the parts of the training: one is looked at from here on
@@ -344,28 +222,21 @@ def _odd_parts(parts: TrainingParts, log: LogValidation, joints: list[str]) -> I
         first_odd -= 1
     while last_odd + 1 < parts.count and is_odd[last_odd + 1] and log_of_part[last_odd + 1] == log_of_part[worst]:
         last_odd += 1
-    out = (parts.part >= first_odd) & (parts.part <= last_odd)
-    gain = _removal_gain(parts, np.repeat(out[:, None], len(joints), axis=1), ~out, log, joints)
+    is_event = (np.arange(parts.count) >= first_odd) & (np.arange(parts.count) <= last_odd)
+    out = is_event[parts.part]
+    gain = _removal_gain(parts, out, log, joints)
     if gain is not None:
         t = parts.t[out]
-        odd_mean = float(np.average(squares[first_odd : last_odd + 1], weights=size[first_odd : last_odd + 1]))
-        other_mean = float(
-            np.average(
-                np.delete(squares, range(first_odd, last_odd + 1)),
-                weights=np.delete(size, range(first_odd, last_odd + 1)),
-            )
-        )
+        odd_mean, other_mean = (float(np.average(squares[k], weights=size[k])) for k in (is_event, ~is_event))
         yield LeaveOut(parts.names[log_of_part[worst]], float(t[0]), float(t[-1]), odd_mean / other_mean, gain=gain)
 
 
-def _removal_gain(
-    parts: TrainingParts, out: NDArray[np.bool_], rows: NDArray[np.bool_], log: LogValidation, joints: list[str]
-) -> float | None:
-    """Return the gain in points, on the cross-validated residual of the rows (M), of leaving equations out.
+def _removal_gain(parts: TrainingParts, out: NDArray[np.bool_], log: LogValidation, joints: list[str]) -> float | None:
+    """Return the gain in points, on the cross-validated residual of the others, of leaving the samples ``out`` (M) out.
 
     None where it is small or may be chance.
     """
-    without = parts.residual_without(out)
+    without, rows = parts.residual_without(out), ~out
     if not np.isfinite(without).all():
         return None
     before, after = parts.squares(parts.residual, rows), parts.squares(without, rows)
@@ -386,9 +257,7 @@ def _coverage_step(identification: Identification, log: LogValidation) -> Cover 
     motion = log.motion
     ratios = []
     for name in ("dq", "ddq"):
-        largest = np.max(
-            [np.abs(getattr(train_motion, name)[train_motion.mask]).max(axis=0) for train_motion in train], axis=0
-        )
+        largest = np.max([np.abs(getattr(x, name)[x.mask]).max(axis=0) for x in train], axis=0)
         ratios.append(np.abs(getattr(motion, name)) / np.where(largest > 0, largest, np.inf))
     # Accelerations grow with the square of the speed: both become a factor of speed.
     faster = np.maximum(ratios[0], np.sqrt(ratios[1]))

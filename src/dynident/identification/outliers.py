@@ -15,9 +15,9 @@ from dynident.motion.smoothers.smoother import MAX_SPIKE_SHARE, MAX_WRONG_TORQUE
 from dynident.motion.splines import LONGEST_SPIKE, bridge_gaps, median_sigma
 from dynident.regression import BLOCK, EVERYTHING, Regression, Selection
 from dynident.runtime import Note, Noun, count, percent
+from dynident.runtime.arrays import Array
 from dynident.validation import LogValidation, relative_error
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MAX_ENTRIES = 400_000  # samples of all motions together times parameters: enough for a fit that only finds outliers
@@ -145,12 +145,7 @@ def _free_joints(
     )
     theta_all = _fit_parameters(model, few_motions, selection)
     before, after = (
-        np.concatenate(
-            [
-                np.where(_keep_mask(motion), motion.tau - _model_torque(model, motion, value), 0.0)
-                for motion in few_trusted
-            ]
-        )
+        np.concatenate([np.where(_keep_mask(x), x.tau - _model_torque(model, x, value), 0.0) for x in few_trusted])
         for value in (theta, theta_all)
     )
     # A constant torque that contradicts the model would make the fit of other joints worse.

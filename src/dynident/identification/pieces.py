@@ -20,6 +20,7 @@ from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import smooth_log
 from dynident.regression import Regression, factorise, one_thread, pack_factors, unpack_factors
 from dynident.runtime import InputError, Noun, Step, report_progress
+from dynident.runtime.arrays import Array
 
 TRIAL_PLACES = 4  # places at which an excerpt is looked for, of which that with the most motion is taken
 MIN_PIECE_OVERLAPS = 4  # times the overlap: the shortest piece
@@ -143,9 +144,6 @@ def plan_spans(
                 for a, b in pairwise(edges)
             ]
     return tuple(spans), lost_samples
-
-
-Array = NDArray[np.float64]
 
 
 class PieceFactors(Noun):

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Estimator, PhysicallyConsistent, Problem
 from dynident.identification.cross_validation import Gain, factors_by_fold, gain_from_errors, gains_by_stretch
@@ -15,8 +14,8 @@ from dynident.models import Model
 from dynident.motion.log import Motion, thin_motions
 from dynident.regression import EVERYTHING, Regression, Selection, merge_factors
 from dynident.runtime import Note, Severity, report_progress
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 FOLDS = 6
 MIN_ROWS_PER_PARAMETER = 3  # times the parameters: with fewer there is nothing to predict
 STRENGTHS = (1e-2, 1e-1)  # of the squared residual, where a parameter is one usual size away

@@ -20,8 +20,8 @@ from dynident.motion.smoothers import Smoother, Spline, position_noise, repair_l
 from dynident.motion.splines import stretches
 from dynident.regression import EVERYTHING, ParallelFilter, Selection
 from dynident.runtime import OMITTED, ConfigError, Note, Severity, choices, settings_repr, short
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 BLOCK_DURATION = 0.1  # s: a joint that stays within its noise so long stands still
 # times the noise, share of the usual pace: what a joint at rest moves in a block at most
@@ -98,10 +98,8 @@ def _find_arm_rests(log: Log) -> list[slice]:
     # The usual pace is the median range of moving blocks; joints that never move have none.
     reach = np.where(is_resting, np.nan, np.ptp(q, axis=1))[:, ~is_resting.all(axis=0)]
     crossing = size * sample_time * float(np.min(joint_range[~is_resting.all(axis=0)] / np.nanmedian(reach, axis=0)))
-    min_duration, max_creep = (
-        max(MIN_REST_DURATION, MIN_REST_CROSSING * crossing),
-        np.maximum(2 * MAX_REST_NOISE * position_noise(log), MAX_CREEP * joint_range),
-    )
+    min_duration = max(MIN_REST_DURATION, MIN_REST_CROSSING * crossing)
+    max_creep = np.maximum(2 * MAX_REST_NOISE * position_noise(log), MAX_CREEP * joint_range)
     # A joint that never moves may creep: it rests all the time.
     max_creep = np.where(is_resting.all(axis=0), np.inf, np.minimum(max_creep, MAX_REST_RANGE * joint_range))
     return [

@@ -10,7 +10,6 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.models import Model
 from dynident.motion.filters import one_pole_filter
@@ -19,8 +18,8 @@ from dynident.motion.smoothers import Smoother, position_noise, strip_time_offse
 from dynident.motion.splines import coloured_noise
 from dynident.regression import Regression, fitted_mask
 from dynident.runtime import Noun, call_part
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 SAMPLING_PHASES = (0.0, 0.25, 0.5, 0.75)  # shares of the sampling interval, of the repetitions
 PIECE = 4_000  # samples of one piece of a recording of which not all is repeated
 
@@ -72,10 +71,8 @@ class LogPiece(Noun):
     def smoothed_errors(self, e: Array) -> tuple[Array, Array, Array]:
         """Return the errors of q, dq and ddq that the smoother makes of errors e (N, n) of the positions."""
         # The difference of two smoothings: a smoother need not be linear at the ends or where it repairs.
-        without, with_e = (
-            self.clean_motion,
-            call_part(strip_time_offset(self.smoother), replace(self.clean, q=self.clean.q + e), Motion),
-        )
+        without = self.clean_motion
+        with_e = call_part(strip_time_offset(self.smoother), replace(self.clean, q=self.clean.q + e), Motion)
         return with_e.q - without.q, with_e.dq - without.dq, with_e.ddq - without.ddq
 
     def torque(self, model: Model, theta: Array, e: Array, *, corrected: bool = True) -> Array:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident._version import __version__
 from dynident.estimators import Estimate, Provenance
@@ -21,6 +21,7 @@ from dynident.models import MassMatrixCheck, Model, motion_memory
 from dynident.motion.log import Log, Motion
 from dynident.regression import BaseParameters, UnexcitedParameters
 from dynident.runtime import OMITTED, Axes, Finding, InputError, KeepsFacts, Messages, Note, Noun, brief, choices
+from dynident.runtime.arrays import Array
 from dynident.runtime.families import action
 from dynident.runtime.kernel import kernel
 from dynident.validation import SEED, FreeRun, LogValidation, Role, validate
@@ -30,9 +31,6 @@ if TYPE_CHECKING:
 
     from dynident.identification.verdict import Verdict
     from dynident.report.terminal import Plot
-
-
-Array = NDArray[np.float64]
 
 
 class StandardErrors(Noun):

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from itertools import count
 from typing import Literal
 
@@ -32,18 +32,12 @@ from dynident.motion.smoothers import Smoother, TimeShifted, smooth_log, strip_t
 from dynident.regression import EVERYTHING, Regression, Selection, TriangularFactors, fitted_mask, fitted_rows, rank_of
 from dynident.regression.whitening import long_run
 from dynident.runtime import Note, Severity, Step, percent, report_progress, short
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_ENTRIES = 200_000  # samples of all logs together times parameters: one or two unknowns need no more
 MIN_SAMPLES = 200  # least number of samples to estimate a time offset
-TRIAL_OFFSETS = (
-    0.0,
-    0.001,
-    0.003,
-    0.01,
-    0.032,
-    0.05,
-)  # s, of either sign; the search refines the best up to the last but one
+# s, of either sign; the search refines the best up to the last but one
+TRIAL_OFFSETS = (0.0, 0.001, 0.003, 0.01, 0.032, 0.05)
 WIDE_OFFSETS = (*TRIAL_OFFSETS, 0.1, 0.15)  # s: those of a search beyond the usual range
 MAX_USUAL_OFFSET = TRIAL_OFFSETS[-2]  # s: what is later has another cause than filters and buses
 MIN_FILTER_LAG = 0.01  # s: shorter ones are of buses
@@ -189,12 +183,9 @@ def find_time_offset(
     estimated parameters; the offset that is found in these is subtracted. Where it or the remainder is beyond the
     range, the offset is zero. Raises the errors of ``Regression``.
     """
-    usual, wide = (
-        partial(_find_within, trials, model, motions, selection, repeat) for trials in (TRIAL_OFFSETS, WIDE_OFFSETS)
-    )
-    estimate = usual()
+    estimate = _find_within(TRIAL_OFFSETS, model, motions, selection, repeat)
     if np.isnan(estimate.seconds):  # a buffer, or two clocks, delay it more than filters do
-        wide_estimate = wide()
+        wide_estimate = _find_within(WIDE_OFFSETS, model, motions, selection, repeat)
         estimate = wide_estimate if abs(wide_estimate.seconds) > 0 else replace(estimate, seconds=0.0)
     return estimate
 
@@ -213,8 +204,8 @@ def _find_within(
     fits = count(1)
     # Which samples are slow is decided once: an error over other samples could not be compared.
     motions = _keep_fast(motions, selection)
-    aligned = Regression(model, _shift_motions(motions, rows, 0.0)).triangular_factors
-    fit = partial(fit_directions, directions=rank_of(aligned.stack(), model.parameters).determined_directions)
+    aligned = Regression(model, _shift(motions, rows, 0.0)).triangular_factors
+    fit = _OffsetFit(model, rows, rank_of(aligned.stack(), model.parameters).determined_directions)
 
     def error_of(motions: Sequence[Motion]) -> Callable[[float], float]:
         """Return the training error as a function of the offset."""
@@ -223,8 +214,7 @@ def _find_within(
         def error(time_offset: float) -> float:
             fit_number = next(fits)
             report_progress(Step("estimating the time offset", fit_number, max(fit_number, EXPECTED_FITS)))
-            triangular = Regression(model, _shift_motions(motions, rows, time_offset)).triangular_factors
-            return training_error(triangular, fit(triangular))
+            return training_error(*fit.solve(fit.shift(motions, time_offset)))
 
         return error
 
@@ -232,24 +222,24 @@ def _find_within(
     best, after, before = _minimise_error(error, trials, trials)
     if np.isnan(best):
         return TimeOffset(np.nan, before, before)
-    refined, std = _refine_offset(model, motions, rows, best, fit)
+    refined, std = fit.refine(motions, best)
     # signs of velocities and noise of the motion make waves, of which the search takes the deepest: the value that the
     # slope gives is better, unless it fits clearly worse
     takes_slope = error(refined) < (1.0 + MIN_ERROR_REDUCTION) * after
     if takes_slope:
         best, after = refined, error(refined)
-    std = max(std, _offset_std(model, motions, rows, best, fit))
+    std = max(std, fit.std(motions, best))
     no_offset = TimeOffset(0.0, before, before, std)
     if not after < (1.0 - MIN_ERROR_REDUCTION) * before or abs(best) < MIN_SIGNIFICANCE * std:
         return no_offset
     # The same search in repetitions with a known offset of zero shows what smoothing alone makes.
-    theta = fit(Regression(model, _shift_motions(motions, rows, best)).triangular_factors)
+    _, theta = fit.solve(fit.shift(motions, best))
     spurious_offsets = []
     for repeated_motions in repeat(theta):
         fast = _keep_fast(repeated_motions, selection)
         offset, *_ = _minimise_error(error_of(fast), trials[:NEAREST_TRIALS], trials)
         if takes_slope and np.isfinite(offset):
-            offset, _ = _refine_offset(model, fast, rows, offset, fit)
+            offset, _ = fit.refine(fast, offset)
         spurious_offsets.append(offset)
     if not np.isfinite(spurious_offsets).all():  # smoothing alone shows one beyond the range
         return no_offset
@@ -259,7 +249,7 @@ def _find_within(
     after = error(best)
     if not (after < (1.0 - MIN_ERROR_REDUCTION) * before and MIN_SIGNIFICANCE * std <= abs(best) <= trials[-2]):
         return replace(no_offset, std=std)
-    gain = motion_gain(model, _shift_motions(motions, rows, 0.0), _shift_motions(motions, rows, best))
+    gain = motion_gain(model, fit.shift(motions, 0.0), fit.shift(motions, best))
     return TimeOffset(best, before, after, std, gain) if gain.sure else replace(no_offset, std=std, gain=gain)
 
 
@@ -303,83 +293,81 @@ def _minimise_error(
     return (best, errors[best], before) if abs(best) <= all_trials[-2] else (np.nan, before, before)
 
 
-def _shift_motions(
-    motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], time_offset: float
-) -> tuple[Motion, ...]:
+def _shift(motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], time_offset: float) -> tuple[Motion, ...]:
     return tuple(motion.shift(time_offset, keep) for motion, keep in zip(motions, rows, strict=True) if len(keep) > 1)
 
 
-def _refine_offset(
-    model: Model,
-    motions: Sequence[Motion],
-    rows: Sequence[NDArray[np.intp]],
-    best: float,
-    fit: Callable[[TriangularFactors], Array],
-) -> tuple[float, float]:
-    """Return the offset (s) next to the best at which f' is zero, and its standard error; inf where there is none.
+@dataclass(frozen=True, eq=False)
+class _OffsetFit:
+    """Least squares of a ``model`` to the ``rows`` of shifted motions, along the ``directions`` (p, r) alone.
 
-    With f half the sum of squares e'e that the ``fit`` leaves, a step of Newton's method is -f' / f'', and the
-    standard error is sqrt(S) / f'', with S the long-run covariance of the samples' shares in f'. Derivatives are
-    differences over a few ms, over which noise in the motion counts for nothing.
+    Directions that the data do not determine would be fitted to noise, and a rank takes longer than this fit.
     """
-    h, offset, std = _slope_step(motions), best, np.inf
-    for _ in range(MAX_NEWTON_STEPS):
-        forward, central, backward = (
-            [np.square(e).sum(axis=0) for e in _residuals(model, _shift_motions(motions, rows, offset + side * h), fit)]
-            for side in (1.0, 0.0, -1.0)
-        )
-        # Second difference for the curvature, central differences of the samples for the scores.
-        later, here, earlier = (sum(map(np.sum, squares)) for squares in (forward, central, backward))
-        curvature = float(later + earlier - 2 * here) / (2 * h**2)
-        if not curvature > 0:
-            return best, np.inf
-        scores = [(a - b)[:, None] / (4 * h) for a, b in zip(forward, backward, strict=True)]
-        std = float(np.sqrt(long_run(scores)[0, 0]) / curvature)
-        step = -float(later - earlier) / (4 * h) / curvature
-        if abs(offset + step - best) > h:  # no parabola: the search knows better
-            return best, std
-        offset += step
-        if abs(step) < NEWTON_TOLERANCE * std:
-            break
-    return offset, std
+
+    model: Model
+    rows: Sequence[NDArray[np.intp]]
+    directions: Array
+
+    def shift(self, motions: Sequence[Motion], time_offset: float) -> tuple[Motion, ...]:
+        """Return the rows of the motions at an offset."""
+        return _shift(motions, self.rows, time_offset)
+
+    def solve(self, shifted: tuple[Motion, ...]) -> tuple[TriangularFactors, Array]:
+        """Return the factors of shifted motions, and the parameters (p)."""
+        from scipy.linalg import lstsq
+
+        triangular = Regression(self.model, shifted).triangular_factors
+        factor = triangular.stack()
+        solution = lstsq(factor[:, :-1] @ self.directions, factor[:, -1], lapack_driver="gelsy")[0]
+        return triangular, np.asarray(self.directions @ solution)
+
+    def residuals(self, shifted: tuple[Motion, ...]) -> list[Array]:
+        """Return the residual torque (n, N) that is fitted, of each motion."""
+        _, value = self.solve(shifted)
+        pairs = ((motion, motion.tau - self.model.torque(**motion.states(), theta=value)) for motion in shifted)
+        return [(residual * fitted_mask(motion)).T for motion, residual in pairs]
+
+    def refine(self, motions: Sequence[Motion], best: float) -> tuple[float, float]:
+        """Return the offset (s) next to the best at which f' is zero, and its standard error; inf where there is none.
+
+        With f half the sum of squares e'e that the fit leaves, a step of Newton's method is -f' / f'', and the
+        standard error is sqrt(S) / f'', with S the long-run covariance of the samples' shares in f'. Derivatives are
+        differences over a few ms, over which noise in the motion counts for nothing.
+        """
+        h, offset, std = _slope_step(motions), best, np.inf
+        for _ in range(MAX_NEWTON_STEPS):
+            forward, central, backward = (
+                [np.square(e).sum(axis=0) for e in self.residuals(self.shift(motions, offset + side * h))]
+                for side in (1.0, 0.0, -1.0)
+            )
+            # Second difference for the curvature, central differences of the samples for the scores.
+            later, here, earlier = (sum(map(np.sum, squares)) for squares in (forward, central, backward))
+            curvature = float(later + earlier - 2 * here) / (2 * h**2)
+            if not curvature > 0:
+                return best, np.inf
+            scores = [(a - b)[:, None] / (4 * h) for a, b in zip(forward, backward, strict=True)]
+            std = float(np.sqrt(long_run(scores)[0, 0]) / curvature)
+            step = -float(later - earlier) / (4 * h) / curvature
+            if abs(offset + step - best) > h:  # no parabola: the search knows better
+                return best, std
+            offset += step
+            if abs(step) < NEWTON_TOLERANCE * std:
+                break
+        return offset, std
+
+    def std(self, motions: Sequence[Motion], offset: float) -> float:
+        """Return the standard error (s) of an offset, with the slow noise that the fit took up."""
+        h = _slope_step(motions)
+        later, here, earlier = (self.shift(motions, offset + side * h) for side in (1.0, 0.0, -1.0))
+        pairs = zip(self.residuals(later), self.residuals(earlier), strict=True)
+        lines = [(forward - backward)[..., None] / (2 * h) for forward, backward in pairs]
+        return float(correlated_std(lines, self.residuals(here), Regression(self.model, here))[0])
 
 
 def _slope_step(motions: Sequence[Motion]) -> float:
     """Return the step (s) of derivatives: whole samples, as between two interpolation makes the noise less."""
     interval = max(float(np.median(np.diff(motion.t))) for motion in motions)
     return interval * float(np.ceil(SLOPE_STEP / interval))
-
-
-def _offset_std(
-    model: Model,
-    motions: Sequence[Motion],
-    rows: Sequence[NDArray[np.intp]],
-    offset: float,
-    fit: Callable[[TriangularFactors], Array],
-) -> float:
-    """Return the standard error (s) of an offset, with the slow noise that the fit took up."""
-    h = _slope_step(motions)
-    later, here, earlier = (_shift_motions(motions, rows, offset + side * h) for side in (1.0, 0.0, -1.0))
-    pairs = zip(_residuals(model, later, fit), _residuals(model, earlier, fit), strict=True)
-    lines = [(forward - backward)[..., None] / (2 * h) for forward, backward in pairs]
-    return float(correlated_std(lines, _residuals(model, here, fit), Regression(model, here))[0])
-
-
-def _residuals(model: Model, motions: tuple[Motion, ...], fit: Callable[[TriangularFactors], Array]) -> list[Array]:
-    """Return the residual torque (n, N) that is fitted, of each motion."""
-    value = fit(Regression(model, motions).triangular_factors)
-    return [((motion.tau - model.torque(**motion.states(), theta=value)) * fitted_mask(motion)).T for motion in motions]
-
-
-def fit_directions(triangular: TriangularFactors, directions: Array) -> Array:
-    """Return the parameters (p) of least squares, sought along the directions (p, r) alone.
-
-    Directions that the data do not determine would be fitted to noise, and a rank takes longer than this fit.
-    """
-    from scipy.linalg import lstsq
-
-    factor = triangular.stack()
-    return np.asarray(directions @ lstsq(factor[:, :-1] @ directions, factor[:, -1], lapack_driver="gelsy")[0])
 
 
 def training_error(triangular: TriangularFactors, value: Array) -> float:

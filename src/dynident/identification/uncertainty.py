@@ -6,7 +6,6 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Estimate
 from dynident.estimators.least_squares import weight_joints
@@ -25,9 +24,9 @@ from dynident.regression import (
     structural_base_parameters,
 )
 from dynident.runtime import ModelError, report_progress
+from dynident.runtime.arrays import Array
 from dynident.validation import ColouredFit, correlated_std, plain_std, robust_covariance
 
-Array = NDArray[np.float64]
 RobustStd = Callable[..., Array]  # as ``correlated_std``
 # of the data: residuals are allowed to be correlated as long, where white noise hides how long they are
 MAX_LAG_SHARE = 0.025
@@ -107,9 +106,7 @@ class FitUncertainty:
         to_axes, back = size[:, None] * axes * scale, (axes / size[:, None]).T / scale[:, None]
         R = triangular.factors[:, :, columns]
         if regression.whitening is None:
-            projections = np.einsum(
-                "j,jik,ji->kj", w**2, triangular.factors[:, :, columns], triangular.factors[:, :, -1]
-            )
+            projections = np.einsum("j,jik,ji->kj", w**2, R, triangular.factors[:, :, -1])
         else:  # a row is not of one joint
             projections = regression.weighted_products(_fitted_torques(regression), w)[columns]
         shares = np.square(w[:, None, None] * (R @ back)).sum(axis=(1, 2)) / len(columns)

@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.identification.result import Identification
-from dynident.runtime import TaggedUnion
+from dynident.runtime import Statement, TaggedUnion
 
 MIN_STATES, ZERO_SHIFT = 50, 0.3  # random states; rad or m by which a zero is moved
 MOTION_SCALE = 1.3  # times a motion
 MAX_TORQUE_DIFFERENCE = 1e-6  # relative difference of torques below which other parameters give the same ones
 
 
-@dataclass(frozen=True)
-class Unobservable(TaggedUnion):
+class Unobservable(Statement, TaggedUnion):
     """Base of the errors that no data of one robot can show."""
 
 
-@dataclass(frozen=True)
 class CommonGain(Unobservable):
     """A factor that all torques share: masses, inertias and friction take it up.
 
@@ -32,7 +29,6 @@ class CommonGain(Unobservable):
         return "a wrong gain that is common to all torques (masses and friction absorb it)"
 
 
-@dataclass(frozen=True)
 class Zeros(Unobservable):
     """The zeros of these ``joints``, which no torque depends on, or which the parameters take up."""
 
@@ -42,7 +38,6 @@ class Zeros(Unobservable):
         return f"a wrong zero of {', '.join(self.joints)}"
 
 
-@dataclass(frozen=True)
 class MotionRatios(Unobservable):
     """The gear ratios, leads or units of the positions of these ``joints``, which the parameters take up."""
 

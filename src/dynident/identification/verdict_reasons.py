@@ -13,9 +13,13 @@ MAX_NAMES = 5  # names of negative parameters that a sentence lists
 
 
 class Reason(Statement, TaggedUnion):
-    """Base of the reasons; errors are in %."""
+    """Base of the reasons; errors are in %. The ``sentence`` is a format of the fields."""
 
     usual_remedy: ClassVar[Remedy | None] = None
+    sentence: ClassVar[str] = ""
+
+    def __str__(self) -> str:
+        return self.sentence.format(**vars(self))
 
     @property
     def remedy(self) -> Remedy | NextStep | None:
@@ -27,9 +31,7 @@ class NoHoldOut(Reason):
     """No log was held out."""
 
     usual_remedy = Remedy.HOLD_OUT
-
-    def __str__(self) -> str:
-        return "no log was held out, so the error on unseen motion is not known"
+    sentence = "no log was held out, so the error on unseen motion is not known"
 
 
 class ForbiddingFindings(Reason):
@@ -128,11 +130,9 @@ class NotCarriedOver(Reason):
     """The error on a held-out ``log`` is ``ratio`` times that of the training."""
 
     usual_remedy = Remedy.LONGER_TRAINING
+    sentence = "the error on {log} is {ratio:.2g} times the training error: the model does not generalise"
     log: str
     ratio: float
-
-    def __str__(self) -> str:
-        return f"the error on {self.log} is {self.ratio:.2g} times the training error: the model does not generalise"
 
 
 class AboveFloor(Reason):
@@ -166,32 +166,24 @@ class MassMatrixNotPositive(Reason):
     """The mass matrix has an ``eigenvalue`` that is not positive."""
 
     usual_remedy = Remedy.CONSISTENT_FIT
+    sentence = "the mass matrix is not positive definite (eigenvalue {eigenvalue:.3g})"
     eigenvalue: float
-
-    def __str__(self) -> str:
-        return f"the mass matrix is not positive definite (eigenvalue {self.eigenvalue:.3g})"
 
 
 class MostlyUnexcited(Reason):
     """The data do not excite so many of the ``total`` base parameters that the model is of no use."""
 
-    usual_remedy = Remedy.EXCITE
+    usual_remedy: ClassVar[Remedy | None] = Remedy.EXCITE
+    sentence = "the data do not excite {unexcited} of {total} base parameters"
     unexcited: int
     total: int
 
-    def __str__(self) -> str:
-        return f"the data do not excite {self.unexcited} of {self.total} base parameters"
 
-
-class PartlyUnexcited(Reason):
+class PartlyUnexcited(MostlyUnexcited):
     """The data do not excite some of the ``total`` base parameters; motions that do are not predicted."""
 
-    unexcited: int
-    total: int
-
-    def __str__(self) -> str:
-        unexcited = f"{self.unexcited} of {self.total} base parameters"
-        return f"the data do not excite {unexcited}: on motions that excite them the torque is not known"
+    usual_remedy = None
+    sentence = f"{MostlyUnexcited.sentence}: on motions that excite them the torque is not known"
 
 
 class Uncertain(Reason):
@@ -247,18 +239,14 @@ class InertiasFree(Reason):
     """The bodies' inertias were not constrained to be physically consistent."""
 
     usual_remedy = Remedy.CONSISTENT_FIT
-
-    def __str__(self) -> str:
-        return "the bodies' inertias were not constrained to be physically consistent"
+    sentence = "the bodies' inertias were not constrained to be physically consistent"
 
 
 class NoFreeRun(Reason):
     """No free simulation was asked for."""
 
     usual_remedy = Remedy.SIMULATE
-
-    def __str__(self) -> str:
-        return "no free simulation was run"
+    sentence = "no free simulation was run"
 
 
 class FreeRunFails(Reason):

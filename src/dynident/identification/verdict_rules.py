@@ -46,10 +46,8 @@ def constraint_effect(identification: Identification) -> ConstraintEffect:
     """Compare an estimate with least squares on samples of the training, each joint weighted by its residual."""
     motions = identification.training_motions
     rows = subsample(motions, MAX_SAMPLES)
-    states, tau = (
-        stack_states(motions, rows),
-        np.concatenate([motion.tau[k] for motion, k in zip(motions, rows, strict=True)]),
-    )
+    states = stack_states(motions, rows)
+    tau = np.concatenate([motion.tau[k] for motion, k in zip(motions, rows, strict=True)])
     value, model = identification.estimate.value, identification.model
     Y = model.regressor(**states)
     residual = tau - Y @ value
@@ -133,15 +131,9 @@ def verdict_of(identification: Identification) -> Verdict | None:
 
 def _evaluate(identification: Identification) -> Verdict:
     by_use = _constraint_reasons(identification)
-    against_use = (
-        *_finding_reasons(identification, Use.CONTROL),
-        *by_use.get(Use.CONTROL, ()),
-        *_against_use(identification),
-    )
-    against_simulation = (
-        *_finding_reasons(identification, Use.SIMULATION),
-        *by_use.get(Use.SIMULATION, ()),
-        *_against_simulation(identification),
+    against_use, against_simulation = (
+        (*_finding_reasons(identification, use), *by_use.get(use, ()), *reasons_against(identification))
+        for use, reasons_against in ((Use.CONTROL, _against_use), (Use.SIMULATION, _against_simulation))
     )
     reasons = (*against_use, *against_simulation)
     use = Use.DO_NOT_USE if against_use else Use.CONTROL if against_simulation else Use.SIMULATION
@@ -287,12 +279,7 @@ def _speed_share(identification: Identification) -> float:
     Each joint counts relative to its own speed.
     """
     held_out, train = (
-        np.array(
-            [
-                np.sqrt(np.mean(validation.motion.dq[validation.motion.mask] ** 2, axis=0))
-                for validation in identification.of_role(role)
-            ]
-        )
+        np.array([np.sqrt(np.mean(x.motion.dq[x.motion.mask] ** 2, axis=0)) for x in identification.of_role(role)])
         for role in ("validation", "train")
     )
     # Joints that rest in training have no speed to compare with.
@@ -322,11 +309,8 @@ def _held_out(identification: Identification) -> HeldOut | None:
         return None
     worst, trained = max(held_out, key=_judged_error), max(identification.of_role("train"), key=_judged_error)
     filtered = worst.errors.relative_error_filtered is not None
-    return HeldOut(
-        _judged_error(worst),
-        _judged_error(trained),
-        (worst.errors.relative_error, trained.errors.relative_error) if filtered else None,
-    )
+    unfiltered = (worst.errors.relative_error, trained.errors.relative_error) if filtered else None
+    return HeldOut(_judged_error(worst), _judged_error(trained), unfiltered)
 
 
 def _largest_residual(identification: Identification) -> LargestResidual | None:
@@ -378,10 +362,9 @@ def _is_above_floor(log: LogValidation, joint: str, floor: NoiseFloor) -> bool:
 
 def _count_unexcited(identification: Identification) -> tuple[int, int]:
     """Return the number of base parameters that the data do not excite, and the number of all."""
-    if identification.base.on_data is None or identification.base.structural is None:
-        return max(len(identification.estimate.names) - identification.estimate.determined.rank, 0), len(
-            identification.estimate.names
-        )
-    return max(
-        identification.base.structural.rank - identification.base.on_data.rank, 0
-    ), identification.base.structural.rank
+    base, estimate = identification.base, identification.estimate
+    if base.on_data is None or base.structural is None:
+        rank, total = estimate.determined.rank, len(estimate.names)
+    else:
+        rank, total = base.on_data.rank, base.structural.rank
+    return max(total - rank, 0), total

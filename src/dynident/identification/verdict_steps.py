@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import StrEnum
 
 import numpy as np
 
 from dynident.identification.result import Identification
-from dynident.runtime import Finding, TaggedUnion, number, rough
+from dynident.runtime import Finding, Statement, TaggedUnion, number, rough
 from dynident.validation import LogValidation
 
 
@@ -50,8 +50,7 @@ class ExcitingMotion(StrEnum):
     ACCELERATE = "accelerate {joint} harder, in several poses of the others"
 
 
-@dataclass(frozen=True)
-class NextStep(TaggedUnion):
+class NextStep(Statement, TaggedUnion):
     """Base of the next steps that follow from the data, besides remedies and unexcited base parameters.
 
     ``gain``: by how many points (%) the unfiltered error of the held-out log where it is largest (without one, of the
@@ -68,7 +67,6 @@ class NextStep(TaggedUnion):
         return f" This may lower the torque error by {size} points."
 
 
-@dataclass(frozen=True)
 class Sharpen(NextStep):
     """Record a motion that excites a ``parameter`` better.
 
@@ -94,7 +92,6 @@ class Sharpen(NextStep):
         )
 
 
-@dataclass(frozen=True)
 class SlowReversals(NextStep):
     """Record slow motion of the ``joints`` through zero speed, or smooth their Coulomb friction.
 
@@ -114,7 +111,6 @@ class SlowReversals(NextStep):
         return f"{advice}{below}." + self.gain_text("at most")
 
 
-@dataclass(frozen=True)
 class CheckRipple(NextStep):
     """Record constant speeds of the ``joints`` to see whether the ripple follows the position.
 
@@ -128,7 +124,6 @@ class CheckRipple(NextStep):
         return advice + self.gain_text("at most")
 
 
-@dataclass(frozen=True)
 class SetRight(NextStep):
     """Correct what a ``finding`` of the checks says of the robot or its model.
 
@@ -143,7 +138,6 @@ class SetRight(NextStep):
         return f"{where}: {finding.message.remedy}".removeprefix(": ") + self.gain_text()
 
 
-@dataclass(frozen=True)
 class HoldOutFaster(NextStep):
     """Record a held-out motion ``times`` as fast as the fastest one, as fast as the training, for a better verdict."""
 
@@ -156,7 +150,6 @@ class HoldOutFaster(NextStep):
         )
 
 
-@dataclass(frozen=True)
 class LeaveOut(NextStep):
     """Leave the seconds from ``start`` to ``stop`` out of a training ``log``.
 
@@ -177,7 +170,6 @@ class LeaveOut(NextStep):
         )
 
 
-@dataclass(frozen=True)
 class Cover(NextStep):
     """Record training motion in which a ``joint`` is ``faster`` times as fast as now, up to ``speed`` (rad/s, m/s).
 
@@ -199,7 +191,6 @@ class Cover(NextStep):
         )
 
 
-@dataclass(frozen=True)
 class MoreRecordings(NextStep):
     """Record further motions and fit all together: ``logs`` are fitted now, and twice as many have half the variance.
 

@@ -12,6 +12,7 @@ from dynident.models import Model, Past, RigidBodies
 from dynident.models.friction import Dahl
 from dynident.motion.filters import butterworth, zero_phase
 from dynident.motion.log import Motion
+from tests.identification.motions import sines
 from tests.robots import joint, link, urdf
 
 Array = NDArray[np.float64]
@@ -40,10 +41,7 @@ def states(seed: int, speed: float = 1.0, rows: int = 4000) -> tuple[Array, ...]
     rng, t = np.random.default_rng(seed), np.arange(rows) * 0.005
     rate = 0.6 * speed * np.arange(1, 6)
     size, phase = rng.normal(size=(5, 3)) / np.arange(1, 6)[:, None], rng.uniform(0, 6, (5, 3))
-    angle = t[:, None, None] * rate[:, None] + phase
-    q = np.sum(size * np.sin(angle), axis=1)
-    dq = np.sum(size * rate[:, None] * np.cos(angle), axis=1)
-    return t, q, dq, np.sum(-size * rate[:, None] ** 2 * np.sin(angle), axis=1)
+    return t, *sines(t, size, rate[:, None], phase)
 
 
 def recorded(law: Law, seed: int, speed: float = 1.0, noise: float = 0.05) -> Motion:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.identification.terms.candidates import PositionResidual, combine_terms, largest_lines
+from dynident.identification.terms.candidates import combine_terms
+from dynident.identification.terms.ripples import PositionResidual, largest_lines
 from dynident.models import Joint, Model
 from dynident.models.friction import Coulomb, Ripple, Viscous
 

@@ -15,13 +15,11 @@ from dynident.identification.terms.candidates import (
     PLAIN_KINDS,
     CandidateKind,
     JointExcitation,
-    PositionResidual,
     TermChoice,
     TermTrial,
     TooFewSamplesError,
     combine_terms,
     fixed_terms,
-    largest_lines,
 )
 from dynident.identification.terms.grams import (
     CandidateGrams,
@@ -36,6 +34,7 @@ from dynident.identification.terms.grams import (
     try_groups,
 )
 from dynident.identification.terms.motors import MotorEquations, coupled_motors, motor_search
+from dynident.identification.terms.ripples import ripple_kinds
 from dynident.identification.terms.samples import (
     N_CLASSES,
     JointEquations,
@@ -53,13 +52,12 @@ from dynident.identification.terms.search import (
     renumber_columns,
 )
 from dynident.models import CoupledMotor, Model, Term
-from dynident.models.friction import Dahl, LoadDahl, LoadRipple, Ripple
+from dynident.models.friction import Dahl, LoadDahl
 from dynident.motion.log import Motion
 from dynident.regression import EVERYTHING, Selection
-from dynident.runtime import Step, brief, report_progress
+from dynident.runtime import Step, report_progress
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
-RIPPLES = {"ripple": Ripple, "load ripple": LoadRipple}
 PASSES, MAX_RIPPLES = 3, 3  # of the search, by the load of the terms found before; rates of one joint
 TRIAL_SPEEDS = (0.01, 0.02, 0.03, 0.05, 0.1, 0.2)  # of the rms speed, tried as minimum speed
 # of the largest rms speed: a joint that is slower keeps the plain set, of which it shows nothing
@@ -93,7 +91,7 @@ def choose_terms(
     return _TermSelection.of(model, motions, selection, kinds).select_terms()
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class _TermSelection:
     """The state of the choice of terms."""
 
@@ -106,23 +104,16 @@ class _TermSelection:
     weights: Array  # (n) of the rows: one over the squared deviation of the residual
     block: NDArray[np.intp]  # (N), -1 in the gaps
     theta: Array  # (p) of the model given
-    independent: float = 1.0  # samples per independent one
-    given_speed: bool = False
     # found at each joint, and friction of motors coupled to it
-    ripples: list[list[CandidateKind]] = field(default_factory=list)
-    trials: list[dict[str, TermTrial]] = field(default_factory=list)  # of these
+    ripples: list[list[CandidateKind]]
+    trials: list[dict[str, TermTrial]]  # of these
+    independent: float = 1.0  # samples per independent one
     shares: dict[int, dict[str, float]] = field(default_factory=dict)  # of the other joints that have a kind
     _cached_columns: dict[tuple[int, Term], Array] = field(default_factory=dict)
 
-    __repr__ = brief
-
     @classmethod
     def of(
-        cls,
-        model: Model,
-        motions: Sequence[Motion],
-        selection: Selection,
-        kinds: Sequence[CandidateKind],
+        cls, model: Model, motions: Sequence[Motion], selection: Selection, kinds: Sequence[CandidateKind]
     ) -> _TermSelection:
         """Return the state before the first search, with the plain set fitted."""
         samples = select_samples(model, motions, selection)
@@ -141,10 +132,11 @@ class _TermSelection:
             JointExcitation(model.joints, joint, max(float(v), 1e-9), max(float(r), MIN_REACH), duration)
             for joint, v, r in zip(model.joints, speed, reach, strict=True)
         )
-        division = SearchFolds.of(samples.of_block)
-        search = cls(samples, rows, prior, excitations, kinds, division, weights, samples.block, prior.mean)
-        search.given_speed = selection.min_speed is not None
-        search.ripples, search.trials = [[] for _ in rows], [{} for _ in rows]
+        division, trials = SearchFolds.of(samples.of_block), [dict[str, TermTrial]() for _ in rows]
+        ripples = [list[CandidateKind]() for _ in rows]
+        search = cls(
+            samples, rows, prior, excitations, kinds, division, weights, samples.block, prior.mean, ripples, trials
+        )
         search._fit_plain_set()
         return search
 
@@ -181,10 +173,8 @@ class _TermSelection:
         residuals = []
         for rows, C, gram in zip(self.rows, used_columns, grams, strict=True):
             b, G = len(rows.maps), gram.grams[0, 0]
-            values = np.zeros(len(C))
-            if len(C):
-                # Back-substitution: the values of the eliminated columns, with the shared parameters known.
-                values = np.linalg.solve(add_ridge(G[b:-1, b:-1]), G[b:-1, -1] - G[b:-1, :b] @ rows.maps @ theta)
+            # Back-substitution: the values of the eliminated columns, with the shared parameters known.
+            values = np.linalg.solve(add_ridge(G[b:-1, b:-1]), G[b:-1, -1] - G[b:-1, :b] @ rows.maps @ theta)
             residuals.append(np.where(rows.usable, rows.residual(theta, C, values), 0.0))
         size = np.array([np.mean(residual[rows.usable] ** 2) if rows.usable.any() else 0.0
                          for residual, rows in zip(residuals, self.rows, strict=True)])  # fmt: skip
@@ -284,14 +274,10 @@ class _TermSelection:
         for j, rows in enumerate(self.rows):
             groups: list[TermGroup] = []
             group_columns: list[Array] = []
-            still_kinds = PLAIN_KINDS[: 1 if self._is_held(j) else None]
+            still_kinds, has_load = PLAIN_KINDS[: 1 if self._is_held(j) else None], self.samples.model.load_mask.any()
             kinds = [kind for kind in self.kinds if not self._is_still(j) or kind.name in still_kinds]
             for kind in (*kinds, *self.ripples[j]):
-                terms = (
-                    ()
-                    if kind.needs_load and not self.samples.model.load_mask.any()
-                    else tuple(kind.sizes(self.excitations[j]))
-                )
+                terms = tuple(kind.sizes(self.excitations[j])) if has_load or not kind.needs_load else ()
                 names = {parameter.name for term in terms for parameter in term.parameters}
                 if terms and not names & set(self.samples.model.names):
                     groups.append(self._group(kind, terms, j, loads, group_columns))
@@ -346,36 +332,18 @@ class _TermSelection:
         return other_joint_normals([search.normal for search in searches], j, self._precision, searches[j].grams.acts)
 
     def _find_ripples(
-        self,
-        searches: list[JointSearch],
-        columns: list[Array],
-        residuals: list[Array],
-        j: int,
-        loads: Sequence[Array],
+        self, searches: list[JointSearch], columns: list[Array], residuals: list[Array], j: int, loads: Sequence[Array]
     ) -> None:
         """Add ripples to a joint one by one, also by the load, at the largest lines in the residual of other terms."""
-        rows, joints = self.rows[j], self.samples.model.joints
-        step = float(np.median(np.diff(self.samples.motions[0].t)))
-        q, dq = (self.samples.states[name][:, j] for name in ("q", "dq"))
-        block, turns = np.where(rows.usable, self.block, -1), joints[j].kind == "revolute"
+        rows, excitation = self.rows[j], self.excitations[j]
+        block = np.where(rows.usable, self.block, -1)
         for turn in range(0 if self._is_still(j) else MAX_RIPPLES):
-            position_residual = PositionResidual(q, dq, residuals[j], block, self.samples.blocks, turns)
-            # The largest rate is limited by the sampling at the usual speed of the joint.
-            lines = largest_lines(position_residual, 0.5 * np.pi / step / self.excitations[j].speed)
-            if not lines:
+            kinds = ripple_kinds(self.samples, excitation, residuals[j], block, turn)
+            if not kinds:
                 return
-            group_columns, groups = [columns[j][searches[j].columns]], list[TermGroup]()
             # Columns that have entered come first; those of other candidates are no longer needed.
-            for name, law in RIPPLES.items() if self.samples.model.load_mask.any() else [("ripple", Ripple)]:
-                terms = tuple(law(joints, on=(joints[j].name,), cycles=(k,), delay=d) for k, d in lines)
-                kind = CandidateKind(
-                    f"{name} {turn + 1}" if turn else name,
-                    partial(fixed_terms, terms),
-                    strict=True,
-                    reaches=True,
-                    needs_load=law.needs_load,
-                )
-                groups.append(self._group(kind, terms, j, loads, group_columns))
+            group_columns = [columns[j][searches[j].columns]]
+            groups = [self._group(kind, tuple(kind.sizes(excitation)), j, loads, group_columns) for kind in kinds]
             columns[j] = np.concatenate(group_columns)
             entered = renumber_columns(searches[j].entered)
             grams = self._grams(rows, columns[j])
@@ -409,7 +377,7 @@ class _TermSelection:
     def _min_speed(self, searches: Sequence[JointSearch], columns: Sequence[Array], j: int) -> float:
         """Return the speed below which samples of a joint are left out because this predicts all samples better."""
         joint_search, rows = searches[j], self.rows[j]
-        if self.given_speed or self._is_still(j):
+        if self.samples.selection.min_speed is not None or self._is_still(j):
             return 0.0
         speed = np.abs(self.samples.states["dq"][:, j]) / self.excitations[j].speed
         # Samples fall into classes by speed, so that every trial speed is a choice of Gram matrices.

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from dynident.estimators import bodies_of, parameter_scales
 from dynident.models import Parameter
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 RIDGE_SHARE = 1e-9  # ridge, of a column's own square: dependent columns stay solvable
 MIN_INDEPENDENT_SHARE = 1e-6  # share of a column's square that others must leave of it
 
@@ -86,17 +86,13 @@ class CandidateGrams(Noun):
         explains of them by the eliminated parameters."""
         if (folds, id(weights)) not in self._tested:
             self.train(folds)
-            k, H, shares = len(self.joint_grams.acts), self._test_sums(weights), self._reduced[folds][0]
+            if id(weights) not in self._sums:  # the array is kept, so that no other has its id
+                self._sums[id(weights)] = weights, self.joint_grams.sums(weights)
+            k, H, shares = len(self.joint_grams.acts), self._sums[id(weights)][1], self._reduced[folds][0]
             cross = np.swapaxes(shares, 1, 2) @ H[:, :k, k:]
             residual = H[:, k:, k:] - cross - np.swapaxes(cross, 1, 2)
             self._tested[folds, id(weights)] = residual + np.swapaxes(shares, 1, 2) @ H[:, :k, :k] @ shares
         return self._tested[folds, id(weights)]
-
-    def _test_sums(self, weights: Array) -> Array:
-        """Return the sums of the joint's matrices; those of the same array are kept."""
-        if id(weights) not in self._sums:
-            self._sums[id(weights)] = weights, self.joint_grams.sums(weights)
-        return self._sums[id(weights)][1]
 
     @cached_property
     def _sums(self) -> dict[int, tuple[Array, Array]]:

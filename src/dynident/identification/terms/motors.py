@@ -13,8 +13,8 @@ from dynident.identification.terms.grams import JointGrams
 from dynident.identification.terms.samples import N_CLASSES, JointEquations, TermSamples
 from dynident.identification.terms.search import JointSearch, SearchFolds, TermEntry, TermGroup
 from dynident.models import CoupledFriction, CoupledMotor, Model
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 WIDTH_STEP = 2  # width that is tried
 
 

@@ -14,8 +14,8 @@ from dynident.models import Model, Past, Term
 from dynident.motion.log import Motion
 from dynident.regression import EVERYTHING, Selection, fitted_mask
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_SAMPLES = 20_000  # of all motions together: the choice needs no more
 BLOCKS = 16  # of time, of all motions together; at least one of each motion
 # quantiles of speed and of the distance from the middle that divide the samples of a joint

@@ -23,8 +23,8 @@ from dynident.identification.terms.grams import (
 from dynident.models import Term
 from dynident.models.friction import JointTerm
 from dynident.runtime import Noun, brief
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MIN_GAIN = 1.0  # %, of the squared error: what a term must remove
 # %: gain of a term of the plain set that is needless, and two standard errors above it
 NEGLIGIBLE_GAIN, MAX_IDLE_GAIN = 0.5, 2.0
@@ -83,29 +83,26 @@ class SearchFolds(Noun):
     @classmethod
     def of(cls, logs: NDArray[np.intp]) -> SearchFolds:
         """Return the folds for blocks whose logs (F) are given."""
-        F, C = len(logs), 4
-        eye, fold_index = np.eye(F), np.arange(F)
-        other_blocks, all_of = 1.0 - eye, np.ones((1, F))
+        F = len(logs)
+        eye, all_of, all_classes = np.eye(F), np.ones((1, F)), np.ones(4)
         # The last axis of the weights are the classes slow inner, slow outer, fast inner, fast outer.
         slow, inner = np.array([1.0, 1.0, 0.0, 0.0]), np.array([1.0, 0.0, 1.0, 0.0])
-        names = np.unique(logs)
-        by_log = (logs[None] == names[:, None]).astype(float)
-        all_classes = np.ones(C)
-        several = len(names) > 1
+        by_log = (logs[None] == np.unique(logs)[:, None]).astype(float)
+        several = len(by_log) > 1
+
+        def divide(test: Array, start: int, fitted: Array = all_classes, judged: Array = all_classes) -> Folds:
+            train = (1.0 - test)[:, :, None] * fitted
+            return Folds(train, test[:, :, None] * judged, start + np.arange(len(test)))
+
+        everything = all_of[:, :, None] * all_classes
         return cls(
-            Folds(_outer(other_blocks, all_classes), _outer(eye, all_classes), fold_index),
-            Folds(_outer(other_blocks, slow), _outer(eye, 1.0 - slow), fold_index),
-            Folds(_outer(other_blocks, inner), _outer(eye, 1.0 - inner), fold_index),
-            Folds(_outer(all_of, all_classes), _outer(all_of, all_classes), np.array([F])),
-            Folds(_outer(1.0 - by_log, all_classes), _outer(by_log, all_classes), F + 1 + np.arange(len(names)))
-            if several
-            else None,
-            np.concatenate([other_blocks, all_of, *([1.0 - by_log] if several else [])]),
+            divide(eye, 0),
+            divide(eye, 0, slow, 1.0 - slow),
+            divide(eye, 0, inner, 1.0 - inner),
+            Folds(everything, everything, np.array([F])),
+            divide(by_log, F + 1) if several else None,
+            np.concatenate([1.0 - eye, all_of, *([1.0 - by_log] if several else [])]),
         )
-
-
-def _outer(blocks: Array, classes: Array) -> Array:
-    return blocks[:, :, None] * classes
 
 
 def gain_share(gains: Array, before: Array) -> tuple[float, float]:
@@ -166,20 +163,13 @@ class JointSearch:
     def forward(self, candidates: CandidateGrams) -> None:
         """Add the best group, or a simpler one within a standard error of it, until none is good enough."""
         while len(self.entered) < MAX_TERMS:
-            entered_names = {candidate.group.kind.name for candidate in self.entered}
-            groups = [candidate for candidate in self.groups if candidate.kind.name not in entered_names]
-            results = self._try_groups(candidates, groups)
-            ranked = sorted(
-                results,
-                key=lambda candidate: (candidate.trial.outcome is not TrialOutcome.NOT_EXCITED, candidate.trial.gain),
-            )
+            entered_names = {entry.group.kind.name for entry in self.entered}
+            results = self._try_groups(candidates, [x for x in self.groups if x.kind.name not in entered_names])
+            ranked = sorted(results, key=lambda x: (x.trial.outcome is not TrialOutcome.NOT_EXCITED, x.trial.gain))
             # the best of those of one name
-            self.trials |= {candidate.trial.kind: candidate.trial for candidate in ranked}
-            good = [
-                candidate
-                for candidate in self._retry_best(candidates, results)
-                if candidate.trial.outcome is TrialOutcome.ENTERED
-            ]
+            self.trials |= {result.trial.kind: result.trial for result in ranked}
+            retried = self._retry_best(candidates, results)
+            good = [result for result in retried if result.trial.outcome is TrialOutcome.ENTERED]
             if not good:
                 return
             # Without dry friction the residual is mostly its sign; other kinds would imitate it.
@@ -221,11 +211,8 @@ class JointSearch:
     def backward(self, candidates: CandidateGrams) -> None:
         """Remove, one by one, the terms that others have made needless."""
         while self.entered:
-            trials = [
-                (entry, self._without(candidates, entry))
-                for entry in self.entered
-                if entry.group.kind.name not in PERMANENT_KINDS
-            ]
+            removable = [entry for entry in self.entered if entry.group.kind.name not in PERMANENT_KINDS]
+            trials = [(entry, self._without(candidates, entry)) for entry in removable]
             worse = [(entry, trial) for entry, trial in trials if trial.outcome is not TrialOutcome.ENTERED]
             if not worse:
                 return
@@ -242,9 +229,7 @@ class JointSearch:
         for _ in range(MAX_RESIZE_TURNS):
             before = [entry.size for entry in self.entered]
             for pair in combinations(sized, min(2, len(sized))) if sized else ():
-                columns = [
-                    i for k, other_entry in enumerate(self.entered) if k not in pair for i in other_entry.columns
-                ]
+                columns = [i for k, entry in enumerate(self.entered) if k not in pair for i in entry.columns]
                 sizes = list(product(*(range(len(self.entered[k].group.at)) for k in pair)))
                 # One group of all combinations of sizes: a single pass over the Gram matrices compares them.
                 at = [
@@ -270,10 +255,9 @@ class JointSearch:
                 self.entered = alternative.entered
                 self.trials |= alternative.trials
 
-    def errors(self, candidates: CandidateGrams, columns: Sequence[int] | None = None) -> Array:
-        """Return the squared errors (F) of the blocks with ``columns``, by default those that have entered."""
-        used_columns = self.columns if columns is None else columns
-        return try_groups(candidates, self.division.blocks, used_columns, ()).before
+    def errors(self, candidates: CandidateGrams) -> Array:
+        """Return the squared errors (F) of the blocks with the columns that have entered."""
+        return try_groups(candidates, self.division.blocks, self.columns, ()).before
 
     def _without(self, candidates: CandidateGrams, entry: TermEntry) -> TermTrial:
         """Return the trial of an entered group beside all others."""
@@ -323,11 +307,9 @@ class JointSearch:
     def _min_gain_errors(self, kind: CandidateKind) -> float:
         """Return the standard errors that a gain must exceed: fewer where most other joints have the kind."""
         errors = MIN_STRICT_GAIN_ERRORS if kind.strict else MIN_GAIN_ERRORS
-        return (
-            errors
-            if kind.name not in self.shares
-            else errors * (MAX_POOL - (MAX_POOL - MIN_POOL) * self.shares[kind.name])
-        )
+        if kind.name in self.shares:
+            errors *= MAX_POOL - (MAX_POOL - MIN_POOL) * self.shares[kind.name]
+        return errors
 
     def _refute_elsewhere(self, candidates: CandidateGrams, results: list[_TrialResult]) -> list[_TrialResult]:
         """Return the results, with those refuted that fail on faster motion, further out or in another recording."""

@@ -13,15 +13,14 @@ from itertools import chain, combinations, pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.checks import file_notes
 from dynident.checks.file_notes import AffectedColumns
 from dynident.checks.misfit import FitCase, misfit
 from dynident.checks.suspects import displace_joint
 from dynident.runtime import Finding, Note, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MIN_ERROR_TO_TRY = 0.03  # relative error of the torque from which something else is tried
 MAX_ERROR_RATIO = 0.5  # times the error as given: a better alternative is below
 MAX_TIE_RATIO = 1.1  # times the least error: alternatives up to here fit as well

@@ -17,8 +17,8 @@ from dynident.motion.smoothers import repair_log
 from dynident.motion.smoothers.smoother import suspects
 from dynident.motion.splines import bridge_gaps, grid_step, noise_sigma, stretches, trailing_maximum
 from dynident.runtime import Finding, InputError, Severity
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MAX_NAMED_ROWS = 3  # rows that a finding names

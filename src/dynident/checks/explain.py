@@ -51,8 +51,8 @@ from dynident.motion.log import Motion, subsample
 from dynident.regression import ParallelFilter
 from dynident.regression.whitening import long_run
 from dynident.runtime import Finding, Step, report_progress
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 DELAY_SAMPLES = 2000  # of all motions, up to twice as many
 MAX_DELAY = 0.05  # s; a later torque is another fault
 MIN_HALF_WIDTH = 5e-3  # s, least half width of the differences by time

@@ -29,8 +29,8 @@ from dynident.regression import (
 )
 from dynident.regression.whitening import long_run
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 CASE_SAMPLES = 1000  # of all motions, up to twice as many
 MAX_CUTOFF = 20.0  # Hz: largest cut-off; rigid bodies move more slowly
 REVERSAL_MARGIN = 1.5  # over the cut-off: time (s) from a jump of friction within which the low-passed torque differs

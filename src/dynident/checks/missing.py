@@ -26,8 +26,7 @@ from dynident.models import INERTIAL, Model
 from dynident.motion.log import Motion, subsample, thin_motions
 from dynident.regression import ParallelFilter
 from dynident.runtime import Finding, Noun, Severity
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.checks import log_notes, motion_notes
 from dynident.checks.misfit import FitCase, fit_case
@@ -28,6 +27,7 @@ from dynident.regression import (
     structural_base_parameters,
 )
 from dynident.runtime import Finding
+from dynident.runtime.arrays import Array
 
 MAX_COMPENSATED_ERROR = 0.8  # of the error with gravity: without it, a fit must be better by that much
 MAX_GRAVITY_SHARE = 0.3  # share of gravity from which on it is not compensated
@@ -117,8 +117,6 @@ def repeat_findings(logs: Mapping[str, Mapping[str, Log]]) -> Iterator[Finding]:
                 yield Finding(log_notes.RepeatedMotion(train_name, repeat.lag, repeat.error), source=name)
                 break
 
-
-Array = NDArray[np.float64]
 
 SLOW_SPEED_SHARE = 0.02  # of the peak speed: below, a joint hardly moves
 LIMIT_TOLERANCE = 1.02  # x the limit

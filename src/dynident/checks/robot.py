@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.checks import file_notes
 from dynident.checks.torque import nominal_torque, nuisance_columns, project_out, thin_samples, torque_or_zero
@@ -14,8 +13,7 @@ from dynident.models import Model, consistency_violations, from_physical, to_phy
 from dynident.models.robot_files import RobotFile, RobotJoint, RobotJointLimits
 from dynident.motion.log import Motion
 from dynident.runtime import Finding, Severity
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 MAX_CENTRE_DISTANCE = 1.0  # m: a centre of mass so far from its link's frame is rather in millimetres
 MAX_GYRATION_RATIO = 0.6  # radius of gyration over the size of the link; a rod has 0.29, two masses at its ends 0.5

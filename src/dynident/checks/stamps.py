@@ -17,8 +17,7 @@ from dynident.motion.log import Log, Motion, thin_motions
 from dynident.motion.splines import noise_sigma
 from dynident.regression import Regression, Selection
 from dynident.runtime import Finding, Severity
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 MINIMUM_SAMPLES = 30
 """Least number of samples of a log that can be smoothed."""

@@ -9,7 +9,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.checks import robot_notes
 from dynident.checks.misfit import MAX_CUTOFF, FitCase, Misfit, ScoreTest, mask_other_joints, misfit
@@ -17,8 +16,8 @@ from dynident.checks.robot_notes import Rival, SuspectedValue, SuspectQuantity
 from dynident.models import Joint, Model
 from dynident.models.robot_files import RobotJoint
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Rivals = tuple[Rival, ...]
 Note = Callable[[float, float, float, Rivals], SuspectedValue]
 

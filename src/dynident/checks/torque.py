@@ -15,8 +15,8 @@ from dynident.models.simulation import DifferencingLoop, HasTimes, longest_stret
 from dynident.motion.log import Controller, HasState, Log, Motion, subsample
 from dynident.motion.smoothers import Spline, smooth_log
 from dynident.runtime import DynidentError, Finding
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 # of a log, at which a controller is asked; in a row, of one that remembers
 MAX_LOOP_SAMPLES, MAX_STATEFUL_SAMPLES = 1000, 5000
 MIN_LOOP_SAMPLES = 10  # samples, of which nothing is told

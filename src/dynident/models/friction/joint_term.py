@@ -17,6 +17,7 @@ from dynident.models.friction.law import LAW_FUNCTIONS, differentiate_law, evalu
 from dynident.models.term import FUNCTIONS, Equation, Joint, Parameter, Partials, Past, Term, check_joints
 from dynident.motion.smoothers import BY_JOINT
 from dynident.runtime import ModelError, choices
+from dynident.runtime.arrays import Array
 
 MIN_VELOCITY, MAX_VELOCITY = 1e-9, 1e9  # rad/s, m/s: of shape constants
 Number = Annotated[float | Mapping[str, float], BY_JOINT]
@@ -24,7 +25,6 @@ Speed = Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]
 
 CONSTANT_LAW = "dq**0"  # one at any velocity
 
-Array = NDArray[np.float64]
 Slopes = tuple[Array | None, Array | None, Array | None]  # by q, dq, ddq; None: zero
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.models.simulation.steps import ScalarLaw
 from dynident.models.simulation.trace import (
@@ -24,8 +24,7 @@ from dynident.models.simulation.trace import (
 )
 from dynident.motion.log import Controller, HasState
 from dynident.runtime import ConfigError, InputError, ModelError, Noun
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 
 @runtime_checkable

@@ -6,14 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.models.evaluation import motion_memory
 from dynident.models.model import Model
 from dynident.motion.log import Log, Motion
 from dynident.runtime import ConfigError, InputError, ModelError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Torque = Callable[[float], ArrayLike]
 DIFFERENCE_STEP = 1e-7  # s, over which a memory is differentiated by time
 MIN_MEMORY_TOLERANCE = 1e-9  # least tolerance with a memory, whose derivatives are rounded to this

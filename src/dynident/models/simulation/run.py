@@ -12,8 +12,8 @@ from dynident.models.simulation.trace import MAX_POSITION, Broken, Failure, Mach
 from dynident.motion.log import Controller, Motion
 from dynident.motion.splines import stretches
 from dynident.runtime import ConfigError, DynidentError, InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 TIME_TOLERANCE = 0.01  # of a step: times that are as near are the same
 
 

@@ -28,8 +28,8 @@ from dynident.models.simulation.trace import (
 )
 from dynident.motion.log import Controller, HasState
 from dynident.runtime import InputError, ModelError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Output = Literal["q", "dq", "tau"]
 AT_ONCE = 1 << 22  # numbers in the matrices that are made together
 

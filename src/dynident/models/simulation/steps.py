@@ -19,8 +19,8 @@ from dynident.models.simulation.trace import (
 )
 from dynident.motion.log import Controller, HasState, Motion
 from dynident.runtime import DynidentError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 ScalarLaw = Callable[[int, float, float, Any], tuple[float, Any]]  # sample, q, dq, state; torque and the next state
 _State = tuple[float, float, float, float, float, Any]  # q, dq, ddq, q at the last sample, tau, state of the controller
 MAX_LOOKAHEAD = 1024  # steps that are taken at most before the model is asked whether it has not changed

@@ -14,6 +14,7 @@ from dynident.models.model import Model
 from dynident.models.motor import RotorInertia
 from dynident.motion.log import Controller, HasState, Motion
 from dynident.runtime import InputError, Noun, TaggedUnion, short
+from dynident.runtime.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,6 @@ class Broken(Failure):
         return self.reason
 
 
-Array = NDArray[np.float64]
 STEP = 1e-3  # s, the longest step of the integration
 # steps of a drive between two samples, and how far they may be from a whole number
 MAX_DRIVE_STEPS, PERIOD_TOLERANCE = 1000, 0.02

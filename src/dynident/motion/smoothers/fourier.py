@@ -34,8 +34,8 @@ from dynident.motion.smoothers.smoother import (
 )
 from dynident.motion.smoothers.spline import Spline
 from dynident.runtime import InputError, MissingInputError, settings_text
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Count = Annotated[int, Ge(0), Le(MAX_HARMONICS)]
 Seconds = Annotated[float, Ge(0)]
 MIN_MOTION_RATIO = 20.0  # times the noise (rms) from which on a joint counts as moving

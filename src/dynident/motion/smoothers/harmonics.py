@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 BLOCK_ROWS = 2048  # summed at once
 MIN_PIVOT_RATIO = 1e-5  # times the largest pivot

@@ -9,7 +9,6 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt
-from numpy.typing import NDArray
 
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, ends_mask, make_motion, with_rest
@@ -20,8 +19,8 @@ from dynident.motion.splines.search import SplineSearch, likelihood_criterion, r
 from dynident.motion.splines.series import CHUNK_SAMPLES, ScaledSeries
 from dynident.motion.splines.spline import prepare_data
 from dynident.runtime import ConfigError, InputError, Noun, setting_text, settings_text
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Order = Literal[2, 3]
 OptionalValues = Sequence[float | None]
 # bandwidths in samples between which that of the largest likelihood is sought

@@ -22,8 +22,8 @@ from dynident.motion.smoothers.harmonics import (
 from dynident.motion.smoothers.smoother import least_step
 from dynident.motion.splines import noise_sigma
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 GRID_SAMPLES = 4096  # samples on which periods are looked for
 MAX_LAG_DIFFERENCE = 0.3  # of the variance: two stretches that differ by less may be two periods
 MAX_LAG_SHARE = 0.55  # of a log: two periods, and what a lag may be wrong by

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, make_motion, with_rest
 from dynident.runtime import ConfigError, InputError, setting_text
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 MAX_WORK_ENTRIES = 2**21  # numbers of the largest work array
 MIN_SWEPT_HALF = 64  # samples on either side, from which on sums that go along with the window are faster

@@ -27,8 +27,8 @@ from dynident.runtime import (
     part_text,
     short,
 )
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 BY_JOINT = "by joint"
 """Marks a setting, as ``Annotated[..., BY_JOINT]``, that may be a mapping by the names of the joints."""
 

@@ -8,7 +8,6 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt
-from numpy.typing import NDArray
 
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers.smoother import (
@@ -22,8 +21,6 @@ from dynident.motion.smoothers.smoother import (
 )
 from dynident.motion.splines import GCV, REML, RULES, Constraint, Fixed, Interpolation, Rule, smooth
 from dynident.runtime import ConfigError, InputError, setting_text, settings_text, short
-
-Array = NDArray[np.float64]
 
 # multiples of the noise estimate that "torque" chooses from
 NOISE_FACTORS = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0, 32.0)

@@ -81,27 +81,22 @@ def check_robot(
     facts = link_facts(file)
     moving = [joint for joint in file.joints if joint.kind != "fixed" and (joints is None or joint.name in joints)]
     findings = [
-        *_inertia_findings(file, inconsistent),
-        *_mass_findings(file, moving),
+        *_inertia_findings(file, moving, inconsistent),
         *_size_findings(file, facts),
         *_origin_findings(file, facts),
         *_copy_findings(file, facts),
-        *_total_mass_findings(facts),
+        *_robot_findings(file, moving, facts),
         *_limit_findings(file, moving),
-        *_base_findings(file, moving),
         *(Finding(file_notes.Unread(f"{note}.")) for note in file.notes),
     ]
     return tuple(replace(finding, source=file.source) for finding in findings)
 
 
-def _inertia_findings(file: RobotFile, severity: Severity) -> Iterator[Finding]:
+def _inertia_findings(file: RobotFile, moving: Sequence[RobotJoint], severity: Severity) -> Iterator[Finding]:
+    """Yield impossible inertias, moving bodies without mass, inertias that come from shapes, and point masses."""
     for name, theta in file.links.items():
         for violation in () if theta is None else consistency_violations(theta):
             yield Finding(file_notes.ImpossibleInertia(violation), link=name, severity=severity)
-
-
-def _mass_findings(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
-    """Yield the moving bodies without mass, links whose inertia comes from shapes, and point masses."""
     for joint in moving:
         carried = _rigid_links(file, joint.child)
         thetas = [file.links[name] for name in carried]
@@ -114,8 +109,11 @@ def _mass_findings(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Fi
             yield Finding(file_notes.PointMass(float(theta[0])), link=name)
 
 
-def _base_findings(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
-    """Yield the joints that let the base float, and a base that is perhaps the trunk of a walking robot."""
+def _robot_findings(file: RobotFile, moving: Sequence[RobotJoint], facts: Sequence[LinkFacts]) -> Iterator[Finding]:
+    """Yield an odd total mass, joints that let the base float, and a base that is perhaps a walking robot's trunk."""
+    total = sum(fact.mass for fact in facts)
+    if facts and not MIN_ARM_MASS <= total <= MAX_ARM_MASS:
+        yield Finding(file_notes.OddTotalMass(total))
     for name in file.floating:
         yield Finding(file_notes.FloatingBase(), name)
     if (limbs := file.limbs({joint.name for joint in moving})) is not None:
@@ -141,15 +139,11 @@ def _size_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Find
         if fact.link in base_links:
             continue
         gyration = float(np.sqrt(max(fact.moments[-1], 0.0) / abs(fact.mass)))
-        size = _link_size(file, fact)
+        # the length of a link: the distance to its joints, or twice that to its centre of mass
+        lengths = [np.linalg.norm(x.placement[:3, 3]) for x in file.joints if fact.link in (x.parent, x.child)]
+        size = float(max([MIN_LINK_SIZE, 2 * distance, *lengths]))
         if gyration > MAX_GYRATION_RATIO * size:
             yield Finding(file_notes.LargeGyration(float(fact.moments[-1]), gyration, fact.mass, size), link=fact.link)
-
-
-def _link_size(file: RobotFile, fact: LinkFacts) -> float:
-    """Return the approximate length of a link: the distance to its joints, or twice that to its centre of mass."""
-    lengths = [float(np.linalg.norm(x.placement[:3, 3])) for x in file.joints if fact.link in (x.parent, x.child)]
-    return max([MIN_LINK_SIZE, 2 * float(np.linalg.norm(fact.centre)), *lengths])
 
 
 def _origin_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
@@ -184,12 +178,6 @@ def _copy_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Find
         alone = len(group) == len(facts) > 2
         severity = Severity.WARNING if alone else Severity.INFO
         yield Finding(file_notes.EqualLinks(names, group[0].mass, alone), severity=severity)
-
-
-def _total_mass_findings(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
-    total = sum(fact.mass for fact in facts)
-    if facts and not MIN_ARM_MASS <= total <= MAX_ARM_MASS:
-        yield Finding(file_notes.OddTotalMass(total))
 
 
 def _limit_findings(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
@@ -296,9 +284,6 @@ def _complete_gravity(fitted: Array, observable: Array, assumed: Array) -> Array
 def _gravity_columns(model: Model, q: Array, dq: Array, ddq: Array, size: float) -> Array:
     """Return the nominal torques (4, M, n) of inertia, and of gravity along x, y and z of the root link."""
     zeros = np.zeros_like(q)
-
-    def set_gravity(gravity: Array) -> Model:
-        return model.with_gravity(lambda _: gravity)
-
-    gravity_torques = [torque_or_zero(set_gravity(size * axis), q, zeros, zeros) for axis in np.eye(3)]
-    return np.array([torque_or_zero(set_gravity(np.zeros(3)), q, dq, ddq), *gravity_torques])
+    models = [model.with_gravity(lambda _, gravity=size * axis: gravity) for axis in (np.zeros(3), *np.eye(3))]
+    inertial_torque = torque_or_zero(models[0], q, dq, ddq)
+    return np.array([inertial_torque, *(torque_or_zero(x, q, zeros, zeros) for x in models[1:])])

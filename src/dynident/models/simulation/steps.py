@@ -186,7 +186,7 @@ def integrate(machine: Machine, motion: Motion, rows: NDArray[np.intp], controll
     Positions are infinite after a sample at which they are beyond ``MAX_POSITION``.
     """
     machine.begin(motion, rows[:, 0])
-    if len(rows) == len(motion.joints) == 1 and not machine.remembers:
+    if len(rows) == len(motion.joints) == 1 and not machine.model.memory:
         return OneJoint(machine, motion, rows[0], controller).run()
     return integrate_arrays(machine, motion, rows, controller)
 
@@ -223,8 +223,8 @@ class _Drive:
         self._t, self._gaps = t.tolist(), sample_gaps(t).tolist()
         # as if the velocity before the first sample had been constant
         self._before = motion.q[row[0]] - motion.dq[row[0]] * self._gaps[0]
-        self.states = np.zeros((len(row), len(start := initial_state(controller, motion, row))))
-        self._state = start
+        self._state = initial_state(controller, motion, row)
+        self.states = np.zeros((len(row), len(self._state)))
 
     def __call__(self, k: int, q: Array) -> Array:
         """Return the torque (n) from sample k on, at the positions q (n)."""

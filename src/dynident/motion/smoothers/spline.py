@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -149,10 +149,6 @@ class Spline(Smoother):
         channels = with_rest(still, log.q, (fit.values, fit.derivative(1), fit.derivative(2)))
         return make_motion(log, channels, mask, smoothing)
 
-    def with_noise(self, sigma: Mapping[str, float]) -> Spline:
-        """Return the spline with the noise by joint where it would estimate it."""
-        return replace(self, sigma=sigma) if self.sigma is None else self
-
     def as_used(self, motion: Motion) -> Spline:
         """Return the spline with the lam, for each joint, that it has used for a motion."""
         lam, sigma = (motion.smoothing[name] for name in ("lam", "sigma"))
@@ -174,11 +170,8 @@ class Spline(Smoother):
         else:
             is_criterion = type(rule) in (GCV, REML)
             how = f"by {RULE_TEXTS[type(rule)]}" if is_criterion else settings_text(type(rule).__name__, rule)
-            extras += (
-                []
-                if self.factor == 1.0 or isinstance(rule, Fixed)
-                else [f"{setting_text(self.factor)} times the noise"]
-            )
+            is_scaled = self.factor != 1.0 and not isinstance(rule, Fixed)
+            extras += [f"{setting_text(self.factor)} times the noise"] * is_scaled
         if isinstance(rule, Interpolation):
             return ", ".join(["interpolating spline", *ends])
         if isinstance(rule, Fixed):

@@ -292,7 +292,7 @@ def odd_log_findings(
         return
     # the error of each split into one log and all others, from the triangular factors without the samples
     parts = [([*factors[:k], *factors[k + 1 :]], [factors[k]]) for k in range(len(logs))]
-    separate_errors = [np.hypot(*map(_residual_norm, pair)) for pair in parts]
+    separate_errors = [np.hypot(_residual_norm(others), _residual_norm(single)) for others, single in parts]
     odd = int(np.argmin(separate_errors)) if len(logs) > 2 else 1
     after = 100.0 * float(separate_errors[odd]) / torque
     if after < MAX_ODD_ERROR_RATIO * before:

@@ -140,8 +140,8 @@ def _size_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Find
             continue
         gyration = float(np.sqrt(max(fact.moments[-1], 0.0) / abs(fact.mass)))
         # the length of a link: the distance to its joints, or twice that to its centre of mass
-        lengths = [np.linalg.norm(x.placement[:3, 3]) for x in file.joints if fact.link in (x.parent, x.child)]
-        size = float(max([MIN_LINK_SIZE, 2 * distance, *lengths]))
+        origins = [x.placement[:3, 3] for x in file.joints if fact.link in (x.parent, x.child)]
+        size = max([MIN_LINK_SIZE, 2 * distance, *(float(np.linalg.norm(origin)) for origin in origins)])
         if gyration > MAX_GYRATION_RATIO * size:
             yield Finding(file_notes.LargeGyration(float(fact.moments[-1]), gyration, fact.mass, size), link=fact.link)
 
@@ -284,6 +284,9 @@ def _complete_gravity(fitted: Array, observable: Array, assumed: Array) -> Array
 def _gravity_columns(model: Model, q: Array, dq: Array, ddq: Array, size: float) -> Array:
     """Return the nominal torques (4, M, n) of inertia, and of gravity along x, y and z of the root link."""
     zeros = np.zeros_like(q)
-    models = [model.with_gravity(lambda _, gravity=size * axis: gravity) for axis in (np.zeros(3), *np.eye(3))]
-    inertial_torque = torque_or_zero(models[0], q, dq, ddq)
-    return np.array([inertial_torque, *(torque_or_zero(x, q, zeros, zeros) for x in models[1:])])
+
+    def set_gravity(gravity: Array) -> Model:
+        return model.with_gravity(lambda _: gravity)
+
+    gravity_torques = [torque_or_zero(set_gravity(size * axis), q, zeros, zeros) for axis in np.eye(3)]
+    return np.array([torque_or_zero(set_gravity(np.zeros(3)), q, dq, ddq), *gravity_torques])

@@ -163,7 +163,7 @@ def motion_shapes(case: FitCase, speed: Array) -> dict[TermKind, Callable[[int],
 
 def rms_speed(case: FitCase) -> Array:
     """Return the rms velocity (n) of each joint, more than zero."""
-    return np.maximum(np.sqrt(np.mean(case.dq**2, axis=0)), 1e-12)
+    return np.asarray(np.maximum(np.sqrt(np.mean(case.dq**2, axis=0)), 1e-12))
 
 
 def _own_effects(fit: Misfit, j: int) -> list[Array]:

@@ -129,7 +129,7 @@ class FourierSeries(Smoother):
     def _fit(self, log: Log) -> PeriodicFit:
         rows, joint_harmonics = self._settled_rows(log), self.by_joint("harmonics", log)
         t, q, sigma = log.t[rows], log.q[rows], position_noise(log)
-        moves = q.std(axis=0) > MIN_MOTION_RATIO * sigma
+        moves = (q - q[0]).std(axis=0) > MIN_MOTION_RATIO * sigma  # of a constant that is exactly zero
         request = PeriodicFitRequest(joint_harmonics, self.settle is not None, moves, sigma)
         period = self._likely_period(log, t, q, request.moves) if self.period is None else Period(self.period, 0.0)
         step = float(np.median(np.diff(t)))

@@ -66,14 +66,14 @@ def wiener(
         raise InputError(f"an integrated Wiener process of order {order} needs {order + 1} samples, got {len(t)}.")
     names = [f"column {k}" for k in range(y.shape[1])] if names is None else names
     fit = _fit_cubic if order == 2 else _fit_quintic
-    *motion, ratio, penalised_rss = fit(t, y, sigma, intensity, names)
+    values, first_derivative, second_derivative, ratio, penalised_rss = fit(t, y, sigma, intensity, names)
     # the rounding of the data bounds the noise from below
     rounding = np.maximum(4 * EPS * np.abs(y).max(axis=0), 1e-100)
     residual_sigma = np.maximum(np.sqrt(penalised_rss / (len(t) - order)), rounding)
     pairs = zip(residual_sigma, sigma, strict=True)
     noise = np.array([estimate if known is None else known for estimate, known in pairs])
     bandwidth = (ratio * float(t[-1] - t[0]) / (len(t) - 1)) ** (0.5 / order)
-    return WienerFit(*motion, noise, residual_sigma, noise**2 / ratio, bandwidth)
+    return WienerFit(values, first_derivative, second_derivative, noise, residual_sigma, noise**2 / ratio, bandwidth)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any, Self
 
@@ -56,8 +56,8 @@ class Smoother(Part, ABC):
 
     def with_noise(self, sigma: Mapping[str, float]) -> Self:
         """Return the smoother with the noise by joint where its setting ``sigma`` is None, else the same."""
-        estimates_noise = any(setting.name == "sigma" for setting in fields(self)) and self.sigma is None
-        return replace(self, sigma=sigma) if estimates_noise else self  # type: ignore[call-arg]
+        estimates_noise = "sigma" in getattr(self, "__dataclass_fields__", {}) and self.sigma is None
+        return replace(self, sigma=sigma) if estimates_noise else self  # type: ignore[type-var]
 
     def as_used(self, motion: Motion) -> Smoother:  # noqa: ARG002
         """Return the smoother that smooths any log as much as it has smoothed that of ``motion``: a linear one.

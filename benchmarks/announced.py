@@ -28,9 +28,10 @@ from typing import Any
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import numpy as np
-from excitation import PLACES, ROBOTS
+from commands import recordings
 from scipy.interpolate import BPoly
 
+from dynident.apps.demo import demo_files
 from dynident.apps.demo.arm import true_values
 from dynident.apps.excitation import (
     ExpectedAccuracy,
@@ -89,7 +90,7 @@ class Arm:
 
 def arm(name: str, folder: Path, floor: float, duration: float, program: Program = Program.MOTION) -> Arm:
     """Return a robot with the default terms, whose truth is known."""
-    file = ROBOTS["demo"](folder).file if name == "demo" else next(f for p in PLACES for f in (p / name).glob("*.urdf"))
+    file = demo_files(folder) / "arm.urdf" if name == "demo" else next(recordings(name).glob("*.urdf"))
     bodies = RigidBodies(file.read_text(), source=file.name)
     joints = bodies.joints
     model = Model((bodies, RotorInertia(joints), Viscous(joints), Coulomb(joints), Offset(joints)), name=name)

@@ -18,9 +18,9 @@ def chain(joints: int) -> str:
     return urdf(list(islice(cycle(LINKS), joints)))
 
 
-def states(joints: int, samples: int) -> tuple[Array, Array, Array]:
-    """Positions, velocities and accelerations (N, n): five sines a joint."""
-    rng, t = np.random.default_rng(0), np.arange(samples) * 5e-3
+def states(joints: int, samples: int, step: float = 5e-3) -> tuple[Array, Array, Array]:
+    """Positions, velocities and accelerations (N, n), a ``step`` (s) apart: five sines a joint."""
+    rng, t = np.random.default_rng(0), np.arange(samples) * step
     rate, phase = 2 * np.pi * rng.uniform(0.05, 0.5, (5, joints)), rng.uniform(0, 2 * np.pi, (5, joints))
     wave = rng.uniform(0.1, 0.4, (5, joints)) * np.exp(1j * (t[:, None, None] * rate + phase))
     q, dq, ddq = ((wave * (1j * rate) ** order).imag.sum(axis=1) for order in range(3))

@@ -59,7 +59,7 @@ def identify(_: str, robot: str) -> Call:
 
 def parquet(_: str, samples: int) -> Call:
     """A recording of seven joints, made here, from Parquet to the report."""
-    subprocess.run([sys.executable, ROOT / "benchmarks" / "size.py", "record", SCRATCH.name, str(samples)], check=True)
+    subprocess.run([sys.executable, ROOT / "benchmarks" / "size.py", SCRATCH.name, str(samples)], check=True)
     path = Path(SCRATCH.name, "arm.yaml")
     return lambda: cost(*DYNIDENT, "identify", path, "--out", Path(SCRATCH.name, "out"))
 

@@ -121,10 +121,16 @@ def figaroh(decimate: int) -> Call:
 
 
 def consistent(_: str, joints: int, samples: int) -> Call:
-    """A physically consistent fit, from triangular factors that are known."""
-    from consistent import problem
+    """A physically consistent fit of 25 s with torque noise of 0.5 N m, from triangular factors that are known."""
+    from dynident.estimators import PhysicallyConsistent, Problem
+    from dynident.motion.log import Motion
+    from dynident.regression import Regression
 
-    from dynident.estimators import PhysicallyConsistent
-
-    posed = problem(arm(joints), 0.5, samples)
-    return lambda: PhysicallyConsistent(costs=False)(posed)
+    model, t = arm(joints), np.linspace(0, 25, samples)
+    q, dq, ddq = states(joints, samples, float(t[1]))
+    tau = model.torque(q, dq, ddq, model.values) + 0.5 * np.random.default_rng(1).standard_normal(q.shape)
+    names = tuple(joint.name for joint in model.joints)
+    motion = Motion(t, q, dq, ddq, tau, names, np.ones(samples, dtype=bool))
+    problem = Problem(model, (motion,), Regression(model, (motion,)))
+    assert problem.regression.triangular_factors.factors.any()
+    return lambda: PhysicallyConsistent(costs=False)(problem)

@@ -1,7 +1,7 @@
 """Speed and memory beside the peers, in one run: python3 dev.py bench [PART ...].
 
 Parts: the tables of performance_measured.md by their names, "marks" for all of these, and "growth" for its plots; all
-where none is named. By name only, figures of their own: consistent, maximum_likelihood (7 minutes), closed_loop.
+where none is named.
 
 Every work is done in processes of its own, with the kernel, without it and by its peers in turn, with one BLAS thread;
 figures are the best of several repetitions, so that ratios are of the same seconds, and a busy machine disturbs little.
@@ -27,8 +27,6 @@ from measure import Figure, measured
 from page_tables import DOCS, read_figures, write_figures
 from tables import FIGURES, PAGE, page, pictures, summary, table
 
-HERE = Path(__file__).parent
-SCRIPTS = ("consistent", "maximum_likelihood", "closed_loop")
 PARTS = (*TABLES, "growth")
 FACTS = """
 import json, os, platform, sys, time
@@ -47,7 +45,7 @@ print(json.dumps({"date": time.strftime("%d %B %Y"), "dynident": dynident.__vers
 
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join((*PARTS, 'marks', *SCRIPTS))}")
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join((*PARTS, 'marks'))}")
     parser.add_argument("--json", type=Path, metavar="FILE", help="keep the figures in a file")
     parser.add_argument(
         "--page", action="store_true", help="keep them for benchmarks/performance_measured.md, and write it"
@@ -56,18 +54,13 @@ def main(arguments: list[str] | None = None) -> None:
         "--draw", action="store_true", help="write benchmarks/performance_measured.md from the figures that it has"
     )
     given = parser.parse_args(arguments)
-    if wrong := [name for name in given.parts if name not in (*PARTS, "marks", *SCRIPTS)]:
-        parser.error(f"unknown part {wrong[0]!r}; known: {', '.join((*PARTS, 'marks', *SCRIPTS))}")
+    if wrong := [name for name in given.parts if name not in (*PARTS, "marks")]:
+        parser.error(f"unknown part {wrong[0]!r}; known: {', '.join((*PARTS, 'marks'))}")
     if os.name == "nt":
         parser.error("Windows does not tell what a process has used; run the benchmarks on Linux or macOS.")
     file = FIGURES if given.page or given.draw else given.json
     if not given.draw:
-        for name in SCRIPTS:
-            if name in given.parts:
-                subprocess.run([sys.executable, HERE / f"{name}.py"], check=True)
-        asked = [name for name in given.parts if name not in SCRIPTS]
-        if asked or not given.parts:
-            bench([one for name in asked for one in (TABLES if name == "marks" else [name])] or list(PARTS), file)
+        bench([one for name in given.parts for one in (TABLES if name == "marks" else [name])] or list(PARTS), file)
     if given.page or given.draw:
         draw()
 

@@ -1,16 +1,8 @@
-"""A long recording, 1e6 samples of 7 joints, from Parquet to the report: seconds by stage, and the peak of memory.
-
-``python3 benchmarks/size.py make [SAMPLES]`` makes the recording and runs this file with its configuration; ``record
-FOLDER SAMPLES`` only makes it.
-"""
+"""A long recording of 7 joints as Parquet, with its configuration: python3 benchmarks/size.py FOLDER SAMPLES."""
 
 from __future__ import annotations
 
-import resource
-import subprocess
 import sys
-import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
@@ -34,8 +26,8 @@ def arm() -> str:
     return f'<robot name="arm"><link name="base"/>{"".join(links)}</robot>'
 
 
-def record(folder: Path, n: int) -> Path:
-    """Write robot, log (1 kHz, five sines a joint, noise on both) and configuration; return the configuration."""
+def record(folder: Path, n: int) -> None:
+    """Write robot, log (1 kHz, five sines a joint, noise on both) and configuration."""
     import polars as pl
 
     from dynident.models import Model, RigidBodies, RotorInertia
@@ -62,55 +54,7 @@ def record(folder: Path, n: int) -> Path:
     for section, (end, unit) in channels.items():
         lines += [f"{section}:", *(f"  {x}: {{ column: {x}.{end}, unit: {unit} }}" for x in names)]
     (folder / "arm.yaml").write_text("\n".join([*lines, "estimator: { kind: consistent }"]) + "\n")
-    return folder / "arm.yaml"
-
-
-def staged(config: Path) -> None:
-    """Run the command's steps in this process; print the seconds of each."""
-    from dynident.project.export import exports
-    from dynident.project.project import run
-    from dynident.project.saved import result_data
-    from dynident.report.identification import identification_page
-    from dynident.runtime import progress_to
-
-    began = last = time.perf_counter()
-    stage = "start"
-    spent: dict[str, float] = {}
-
-    def say(step: str) -> None:
-        nonlocal last, stage
-        now = time.perf_counter()
-        spent[stage] = spent.get(stage, 0.0) + now - last
-        last, stage = now, " ".join(step.split()[:2]) if step.startswith(("trying", "reading", "smoothing")) else step
-
-    with progress_to(say):
-        found = run(config)
-    say("exports")
-    made = exports(found)
-    say("report")
-    result_data(found)
-    page = identification_page(found, made)
-    say("end")
-    for name, seconds in spent.items():
-        print(f"  {name:<32} {seconds:7.2f} s")
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-    print(f"  {'all':<32} {last - began:7.2f} s, peak {peak:.2f} GiB, report {len(page) / 1e6:.1f} MB, ", end="")
-    print(f"relative error {found.validations[0].errors.relative_error:.3f} %", flush=True)
-
-
-def size(n: int = 1_000_000) -> None:
-    """Make the recording, then read, smooth, fit, judge and report it in a process of its own."""
-    with tempfile.TemporaryDirectory() as folder:
-        config = record(Path(folder), n)
-        print(f"{n} samples x {JOINTS} joints from Parquet to the report:", flush=True)
-        subprocess.run([sys.executable, __file__, str(config)], check=True)
 
 
 if __name__ == "__main__":
-    match sys.argv[1:]:
-        case ["make", *samples]:
-            size(*map(int, samples))
-        case ["record", folder, samples]:
-            record(Path(folder), int(samples))
-        case [config]:
-            staged(Path(config))
+    record(Path(sys.argv[1]), int(sys.argv[2]))

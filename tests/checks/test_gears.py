@@ -9,7 +9,7 @@ import pytest
 
 from dynident.checks.explain import explain_residual
 from dynident.checks.misfit import Misfit, misfit
-from dynident.checks.robot_notes import PositionGear, SuspectQuantity, TorqueGain
+from dynident.checks.robot_notes import SuspectQuantity, TorqueGain
 from dynident.checks.suspects import (
     Suspect,
     SuspectEstimate,
@@ -26,15 +26,6 @@ def geared(joint: int, factor: float, seed: int = 0) -> Motion:
     moved, factors = motion(seed), np.ones(3)
     factors[joint] = factor
     return replace(moved, q=factors * moved.q, dq=factors * moved.dq, ddq=factors * moved.ddq)
-
-
-@pytest.mark.parametrize(("joint", "factor"), [(0, 1.2), (1, 1.05), (1, 0.8), (2, 1.05), (2, 1.2)])
-def test_a_position_gear_is_found_with_its_joint(joint: int, factor: float) -> None:
-    (found,) = explain_residual(case(geared(joint, factor, seed=1)))
-    assert (found.topic, found.joint) == ("gear", f"j{joint + 1}")
-    assert isinstance(found.message, PositionGear)
-    assert found.message.value == pytest.approx(1 / factor, abs=4 * found.message.std)
-    assert found.message.std < 0.02
 
 
 def test_what_the_data_cannot_tell_apart_is_said_with_both_in_the_finding_and_in_the_remedy() -> None:

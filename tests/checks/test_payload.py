@@ -16,12 +16,16 @@ from tests.checks.moving_arm import arm, motion, truth
 MODEL = arm()
 
 
-def loaded(seed: int, mass: float):
+def with_payload(mass: float) -> np.ndarray:
     theta = truth(MODEL)
     theta[20] += mass
     theta[21] += 0.2 * mass
     theta[[26, 29]] += 0.04 * mass
-    return motion(seed, theta=theta)
+    return theta
+
+
+def loaded(seed: int, mass: float):
+    return motion(seed, theta=with_payload(mass))
 
 
 @pytest.mark.parametrize("mass", [1.0, -0.5])
@@ -41,10 +45,7 @@ def test_it_forbids_a_use_by_its_share_of_the_torque(mass: float, forbidden: Use
     (found,) = payload_findings(MODEL, [motion(1)], {"other": other})
     assert found.forbids is forbidden
     state = other.q, 2 * other.dq, 4 * other.ddq
-    theta = truth(MODEL)
-    bare = MODEL.torque(*state, theta)
-    theta[20], theta[21], theta[[26, 29]] = theta[20] + mass, theta[21] + 0.2 * mass, theta[[26, 29]] + 0.04 * mass
-    whole = MODEL.torque(*state, theta)
+    bare, whole = (MODEL.torque(*state, theta) for theta in (truth(MODEL), with_payload(mass)))
     cost = 100 * np.linalg.norm(whole - bare) / np.linalg.norm(whole)
     assert found.message.cost == pytest.approx(cost, rel=0.1)
 

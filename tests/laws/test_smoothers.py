@@ -48,6 +48,7 @@ SMOOTHERS = [
     FourierSeries(3.7, {"b": 2}, (0.5, 0.0)),
     TimeShifted(Spline(), 0.0),
 ]
+RESTING = [Spline(), KalmanSmoother(), KalmanSmoother(2), SavitzkyGolay(), FourierSeries()]
 NOISY = [s for s in SMOOTHERS if isinstance(s, Spline | KalmanSmoother)]
 
 
@@ -88,6 +89,26 @@ def test_what_is_least_squares_takes_irregular_times_as_they_are(smoother: Smoot
     made = smoother(make_log(0.0, jitter=0.9, motion=motion))
     true = motion(made.t)[2]
     assert np.abs(made.ddq - true)[made.mask].max() < 1e-5 * np.abs(true).max()
+
+
+@pytest.mark.parametrize("smoother", RESTING, ids=repr)
+@pytest.mark.parametrize("kind", ["noise", "flicker", "constant"])
+@pytest.mark.parametrize("size", [1.0, 1e-4])
+def test_a_joint_at_rest_has_no_velocity_and_takes_nothing_from_one_that_moves(
+    smoother: Smoother, kind: str, size: float
+) -> None:
+    log, rng = make_log(1e-5, motion=motion_for(smoother)), np.random.default_rng(5)
+    rests = {"noise": 1e-5 * rng.standard_normal(len(log)), "flicker": 1e-4 * (rng.uniform(size=len(log)) > 0.7)}
+    rest, moving = 0.4 + rests.get(kind, np.zeros(len(log))), replace(log, q=size * log.q).select(("b",))
+    made = smoother(replace(log, q=np.column_stack([rest, moving.q])))
+    assert made.q[:, 0] == pytest.approx(rest.mean(), rel=1e-12)
+    assert not made.dq[:, 0].any()
+    assert not made.ddq[:, 0].any()
+    alone = smoother(moving)
+    if not isinstance(smoother, Spline):  # whose ends count all widths
+        np.testing.assert_array_equal(made.mask, alone.mask)
+    np.testing.assert_allclose(made.ddq[:, 1], alone.ddq[:, 0], atol=1e-6 * np.abs(alone.ddq).max())
+    assert np.ptp(made.ddq[:, 1]) > size
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,14 @@ from itertools import chain, combinations, pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.checks import file_notes
 from dynident.checks.file_notes import AffectedColumns
 from dynident.checks.misfit import FitCase, misfit
 from dynident.checks.suspects import displace_joint
 from dynident.runtime import Finding, Note, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MIN_ERROR_TO_TRY = 0.03  # relative error of the torque from which something else is tried
 MAX_ERROR_RATIO = 0.5  # times the error as given: a better alternative is below
 MAX_TIE_RATIO = 1.1  # times the least error: alternatives up to here fit as well
@@ -73,8 +72,8 @@ def _relative_error(case: FitCase) -> float:
 def _with_plain_terms(case: FitCase) -> FitCase:
     """Return the case with columns for friction, rotor inertia, offset and a spring of each joint."""
     columns = case.q, case.dq, case.ddq, np.sign(case.dq), np.ones_like(case.q)
-    joints = np.eye(case.q.shape[1])
-    return replace(case, extra=(*case.extra, *(column * joint for column in columns for joint in joints)))
+    own_columns = (column * joint for column in columns for joint in np.eye(case.q.shape[1]))
+    return replace(case, extra=(*case.extra, *own_columns))
 
 
 def _plausible_alternatives(
@@ -87,17 +86,13 @@ def _plausible_alternatives(
     given_equations = last_equations = _NormalEquations(case)
     for alternative in alternatives:
         # a change of the torques alone needs no new regressor: reuse the equations of the same motion and model
-        equations = next(
-            (
-                x
-                for x in (last_equations, given_equations)
-                if alternative.case.q is x.case.q and alternative.case.model is x.case.model
-            ),
-            None,
+        changed = alternative.case
+        alike = (
+            x for x in (last_equations, given_equations) if changed.q is x.case.q and changed.model is x.case.model
         )
-        if equations is None:
-            equations = last_equations = _NormalEquations(alternative.case)
-        if equations.error(alternative.case.tau) < NORMAL_EQUATIONS_SLACK * max_error:
+        if (equations := next(alike, None)) is None:
+            equations = last_equations = _NormalEquations(changed)
+        if equations.error(changed.tau) < NORMAL_EQUATIONS_SLACK * max_error:
             yield alternative
 
 
@@ -201,8 +196,4 @@ def _turn_gravity(case: FitCase) -> Iterator[Alternative]:
             gravity_note = file_notes.OtherGravity(fitted, tuple(assumed.tolist()))
             x, y, z = (size * down).tolist()
             model = replace(case.model, terms=tuple(term.with_gravity((x, y, z)) for term in case.model.terms))
-            yield Alternative(replace(case, model=model), None, partial(_same_note, gravity_note))
-
-
-def _same_note(note: Note, *_errors: float) -> Note:
-    return note
+            yield Alternative(replace(case, model=model), None, lambda *_errors, note=gravity_note: note)

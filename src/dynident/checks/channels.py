@@ -17,8 +17,8 @@ from dynident.motion.smoothers import repair_log
 from dynident.motion.smoothers.smoother import suspects
 from dynident.motion.splines import bridge_gaps, grid_step, noise_sigma, stretches, trailing_maximum
 from dynident.runtime import Finding, InputError, Severity
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MAX_NAMED_ROWS = 3  # rows that a finding names
@@ -73,7 +73,7 @@ def _jump_rows(t: Array, q: Array) -> NDArray[np.intp]:
     )
 
 
-def position_outlier_findings(log: Log, *, replaced: bool = True) -> Iterator[Finding]:
+def position_outlier_findings(log: Log, *, replaced: bool) -> Iterator[Finding]:
     """Yield spikes, frozen stretches and interpolated samples of positions.
 
     ``replaced`` tells whether they are replaced.
@@ -82,15 +82,14 @@ def position_outlier_findings(log: Log, *, replaced: bool = True) -> Iterator[Fi
     for j, name in enumerate(log.joints):
         spike = outliers.position_spikes[:, j]
         if spike.any():
-            kind = (
-                log_notes.PositionSpikes if (spike <= outliers.positions[:, j]).all() else log_notes.ManyPositionSpikes
-            )
-            is_replaced = replaced and kind is log_notes.PositionSpikes
-            yield Finding(kind(*_describe_spikes(log.t, log.q[:, j], spike), replaced=is_replaced), name)
+            are_few = (spike <= outliers.positions[:, j]).all()
+            kind = log_notes.PositionSpikes if are_few else log_notes.ManyPositionSpikes
+            yield Finding(kind(*_describe_spikes(log.t, log.q[:, j], spike), bool(replaced and are_few)), name)
         for start, stop in equal_runs(outliers.position_frozen[:, j], log.q[:, j])[:MAX_NAMED_ROWS]:
             is_replaced = replaced and bool(outliers.positions[start, j])
-            span = start, stop - start, float(log.t[start]), float(log.t[stop - 1]), float(log.q[start, j])
-            yield Finding(log_notes.FrozenPosition(*span, replaced=is_replaced), name)
+            yield Finding(
+                log_notes.FrozenPosition(*_describe_stretch(log.t, log.q[:, j], start, stop), is_replaced), name
+            )
         if (share := _interpolated_share(log.q[:, j])) > MAX_STRAIGHT_SHARE:
             yield Finding(log_notes.InterpolatedPositions(share), name)
 
@@ -102,24 +101,25 @@ def _describe_spikes(t: Array, x: Array, mask: Mask) -> tuple[int, tuple[int, ..
     return len(rows), tuple(rows[:MAX_NAMED_ROWS].tolist()), tuple(t[rows[:MAX_NAMED_ROWS]].tolist()), largest
 
 
+def _describe_stretch(t: Array, x: Array, start: int, stop: int) -> tuple[int, int, float, float, float]:
+    """Return the first row, the number of rows, both times and the value of a frozen stretch."""
+    return start, stop - start, float(t[start]), float(t[stop - 1]), float(x[start])
+
+
 def _interpolated_share(q: Array) -> float:
     """Return the share of moving samples that lie on the line between their neighbours; zero for values on a grid."""
     step = np.diff(q)
     bend, moving = np.abs(np.diff(step)), (step[1:] != 0) & (step[:-1] != 0)
     # compare with the usual bend: an interpolated signal has many samples with almost none
     usual_bend = float(np.percentile(bend, BEND_PERCENTILE)) if len(bend) else 0.0
-    if (
-        usual_bend == 0
-        or moving.mean() < 0.5
-        or np.mean(step == 0) > 0.01
-        or len(np.unique(np.abs(bend))) < len(bend) / 20
-    ):
+    on_a_grid = np.mean(step == 0) > 0.01 or len(np.unique(bend)) < len(bend) / 20
+    if usual_bend == 0 or moving.mean() < 0.5 or on_a_grid:
         return 0.0
     return float(np.mean(bend[moving] < MAX_STRAIGHT_BEND * usual_bend))
 
 
 def torque_findings(
-    logs: Sequence[Log], outliers: Sequence[TorqueOutliers | None], trained: int, *, masked: bool = True
+    logs: Sequence[Log], outliers: Sequence[TorqueOutliers | None], trained: int, *, masked: bool
 ) -> Iterator[Finding]:
     """Yield the torques of logs that are wrong; the first ``trained`` logs are of the training.
 
@@ -127,10 +127,8 @@ def torque_findings(
     """
     for k, (log, log_outliers) in enumerate(zip(logs, outliers, strict=True)):
         if log_outliers is not None:
-            yield from (
-                replace(finding, source=log.source)
-                for finding in _log_torque_findings(log, log_outliers, masked, k >= trained)
-            )
+            findings = _log_torque_findings(log, log_outliers, masked, k >= trained)
+            yield from (replace(finding, source=log.source) for finding in findings)
 
 
 def _log_torque_findings(log: Log, outliers: TorqueOutliers, masked: bool, held_out: bool) -> Iterator[Finding]:
@@ -146,14 +144,11 @@ def _log_torque_findings(log: Log, outliers: TorqueOutliers, masked: bool, held_
             spikes = log_notes.TorqueSpikes(*_describe_spikes(log.t, tau, outliers.spikes[:, j]), masked, held_out)
             yield Finding(spikes, name)
         for start, stop in equal_runs(outliers.frozen[:, j], tau)[:MAX_NAMED_ROWS]:
-            span = start, stop - start, float(log.t[start]), float(log.t[stop - 1]), float(tau[start])
-            yield Finding(log_notes.FrozenTorque(*span, masked, held_out), name)
+            yield Finding(log_notes.FrozenTorque(*_describe_stretch(log.t, tau, start, stop), masked, held_out), name)
         for value in np.unique(tau[outliers.clipped[:, j]]):
             rows = np.flatnonzero(outliers.clipped[:, j] & (tau == value))
-            clipped = log_notes.ClippedTorque(
-                len(rows), float(value), int(rows[0]), float(log.t[rows[0]]), masked, held_out
-            )
-            yield Finding(clipped, name)
+            place = int(rows[0]), float(log.t[rows[0]])
+            yield Finding(log_notes.ClippedTorque(len(rows), float(value), *place, masked, held_out), name)
 
 
 @dataclass(frozen=True)
@@ -234,7 +229,7 @@ def check_log(
     if missing:
         raise InputError(f"{log.source}: joint {missing[0]!r} has no kind; give 'revolute' or 'prismatic'.")
     clock = list(stamps.time_unit_findings(log))
-    findings = [*stamps.sample_findings(log), *stamps.gap_findings(log), *stamps.jitter_findings(log), *clock]
+    findings = [*stamps.step_findings(log), *clock]
     jumps = tuple(jump_findings(log)) if jumps is None else jumps
     findings += [finding for finding in jumps if isinstance(finding.message, channel_notes.WrappedPosition)]
     wrapped = [finding.joint for finding in findings if isinstance(finding.message, channel_notes.WrappedPosition)]
@@ -281,10 +276,8 @@ def check_log_fully(
     findings = [finding for finding in quick_findings if not isinstance(finding.message, channel_notes.UnevenSteps)]
     # a log that is too short has an error already
     if len(log) >= MINIMUM_SAMPLES:
-        facts = stamps.timing(log)
         findings += [
-            *stamps.stamp_findings(facts),
-            *stamps.lost_sample_findings(facts),
+            *stamps.stamp_findings(stamps.timing(log)),
             *rest_findings(log, rests_kept=rests_kept),
             *position_outlier_findings(log, replaced=replaced),
         ]
@@ -294,7 +287,6 @@ def check_log_fully(
         for j, name in enumerate(log.joints):
             if kinds[name] == "prismatic" and name not in multi_turn:
                 findings += stamps.length_unit_findings(name, log.t, clean.q[:, j])
-        for j, name in enumerate(log.joints):
             if (share := _repeat_share(log.q[:, j])) > MAX_REPEAT_SHARE:
                 update_interval = round(1 / (1 - share)) if share < 1 else 0
                 findings.append(Finding(channel_notes.RepeatedPositions(share, update_interval), name))

@@ -196,9 +196,11 @@ class _CheckRun:
         """Return the result of checking each log, and by role the logs without an error."""
         recipe, kinds = self.recipe, {joint.name: joint.kind for joint in self.model.joints}
         masked, rests_kept = recipe.outliers == "mask", recipe.rests == "keep" and recipe.min_speed is None
-        timings: dict[str, Timing] = {}
-        facts = {}
-        n_logs = sum(map(len, logs.values()))
+        timings, facts, n_logs = (
+            dict[str, Timing](),
+            dict[str, tuple[ChannelFacts, ...]](),
+            sum(map(len, logs.values())),
+        )
         valid_logs: dict[str, list[Log]] = {role: [] for role in ("train", "validation", *logs)}
         for role, named_logs in logs.items():
             for name, log in named_logs.items():
@@ -232,23 +234,17 @@ class _CheckRun:
         if smoothed is None:
             smoothed = self.smooth_logs(valid_logs)
         report_progress("checking the motion")
-        all_motions = [
-            model.remembering(smoothed[role][log.source])
-            for role in ("train", "validation")
-            for log in valid_logs[role]
-        ]
+        pairs = [(smoothed[role], log.source) for role in ("train", "validation") for log in valid_logs[role]]
+        all_motions = [model.remembering(motions_of_role[source]) for motions_of_role, source in pairs]
         # find torque outliers first: they must not disturb the fits of the other checks
         outliers = torque_outliers(model, all_motions, all_logs, selection, len(logs))
         findings += torque_findings(all_logs, outliers, len(logs), masked=masked)
         if masked:
             # what the motion excites does not depend on the torques that were never recorded: see ``_audible``
-            outliers = tuple(
-                None if entry is None else replace(entry, dead=np.zeros_like(entry.dead)) for entry in outliers
-            )
-            pairs = zip(all_logs, outliers, strict=True)
+            outliers = tuple(entry and replace(entry, dead=np.zeros_like(entry.dead)) for entry in outliers)
             clean = {
                 log.source: channel_facts(log, suspects(log).positions, entry.excluded_torques)
-                for log, entry in pairs
+                for log, entry in zip(all_logs, outliers, strict=True)
                 if entry is not None and result.channels
             }
             result = replace(result, channels={**result.channels, **clean})

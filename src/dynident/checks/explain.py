@@ -11,15 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.checks.alternatives import better_alternative
 from dynident.checks.low_pass import low_pass_findings
-from dynident.checks.misfit import (
-    CASE_SAMPLES,
-    FitCase,
-    Misfit,
-    fit_cases,
-    mask_other_joints,
-    measured_case,
-    misfit,
-)
+from dynident.checks.misfit import CASE_SAMPLES, FitCase, Misfit, column_of_joint, fit_cases, measured_case, misfit
 from dynident.checks.missing import (
     Cost,
     MissingEffect,
@@ -51,8 +43,8 @@ from dynident.motion.log import Motion, subsample
 from dynident.regression import ParallelFilter
 from dynident.regression.whitening import long_run
 from dynident.runtime import Finding, Step, report_progress
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 DELAY_SAMPLES = 2000  # of all motions, up to twice as many
 MAX_DELAY = 0.05  # s; a later torque is another fault
 MIN_HALF_WIDTH = 5e-3  # s, least half width of the differences by time
@@ -84,7 +76,7 @@ def delay_findings(
     )
     for j in np.flatnonzero(likely & (share > MIN_DELAY_SHARE)):
         # the cost is that of correcting the delay in the low-passed fit, which the other causes are measured by, too
-        rate = mask_other_joints(-torque_rate(fit, fit.case), int(j))
+        rate = column_of_joint(fit.case, int(j), -torque_rate(fit, fit.case)[:, j])
         corrected_fit = misfit(replace(fit.case, extra=(rate,), beyond=(np.zeros_like(rate),)), fit.weight.max(axis=0))
         figures = float(delay[j]), float(error[j]), float(share[j])
         name, price = model.joints[j].name, cost(fit, corrected_fit).all
@@ -140,8 +132,8 @@ def _estimate_delays(fit: Misfit, rate: Array) -> tuple[Array, Array, Array]:
     Each share is that of the joint's squared residual. The standard errors are robust to correlated residuals.
     ``rate`` (M, n) is the rate of change of the torque.
     """
-    n = rate.shape[1]
-    Z = np.moveaxis(fit.orthogonal_part(np.stack([mask_other_joints(-rate, j) for j in range(n)])), 0, 2)
+    columns = np.stack([column_of_joint(fit.case, j, -rate[:, j]) for j in range(rate.shape[1])])
+    Z = np.moveaxis(fit.orthogonal_part(columns), 0, 2)
     # least squares for all delays at once, with a sandwich estimate of their covariance
     inverse = np.linalg.pinv(np.einsum("mni,mnj->ij", Z, Z), hermitian=True)
     delays = inverse @ np.einsum("mni,mn->i", Z, fit.residual)
@@ -252,7 +244,9 @@ def explain_residual(case: FitCase, tilt: BaseTilt | None = None) -> Iterator[Fi
             yield _suspect_finding(fit, best, rivals)
             case = best.case
         elif tilt and share == tilt_share > fit.min_share:
-            yield _tilt_finding(tilt, cost(fit, misfit(level, weight)))
+            figures = tilt.x, tilt.y, tilt.std, float(tilt.before), float(tilt.after)
+            price = cost(fit, misfit(level, weight))
+            yield Finding(TiltedBase(*figures, cost=price.all, joint_cost=price.joint, removed=price.removed))
             case, tilt = level, None
         elif effects:
             # an effect is added at all joints that show it, as the cost is that of all of them together
@@ -316,11 +310,6 @@ def _is_clearly_worse(fit: Misfit, candidate: SuspectEstimate, likeliest: Suspec
     return bool(excess.sum() > MIN_TELLING_ERRORS * np.sqrt(long_run(parts)[0, 0]))
 
 
-def _tilt_finding(tilt: BaseTilt, price: Cost) -> Finding:
-    figures = tilt.x, tilt.y, tilt.std, float(tilt.before), float(tilt.after)
-    return Finding(TiltedBase(*figures, cost=price.all, joint_cost=price.joint, removed=price.removed))
-
-
 def _suspect_finding(fit: Misfit, best: SuspectEstimate, rivals: Sequence[SuspectEstimate]) -> Finding:
     suspect, prices = best.suspect, [_suspect_cost(fit, estimate) for estimate in (best, *rivals)]
     note = suspect.note(best.value, best.std, best.share, tuple(estimate.rival for estimate in rivals))
@@ -331,5 +320,6 @@ def _suspect_finding(fit: Misfit, best: SuspectEstimate, rivals: Sequence[Suspec
 
 def _suspect_cost(fit: Misfit, estimate: SuspectEstimate) -> Cost:
     # where only the log is wrong, as with its clock, the fit is used on the correct motion
-    used_fit = replace(fit, case=estimate.suspect.in_use(fit.case, estimate.value))
-    return cost(used_fit, misfit(estimate.case, fit.weight.max(axis=0)))
+    suspect = estimate.suspect
+    used_case = suspect.correct_case(fit.case, estimate.value) if suspect.only_in_log else fit.case
+    return cost(replace(fit, case=used_case), misfit(estimate.case, fit.weight.max(axis=0)))

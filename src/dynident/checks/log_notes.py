@@ -61,8 +61,7 @@ class PositionSpikes(Spikes):
     def __str__(self) -> str:
         return (
             f"{count(self.count, 'position')} {'stands' if self.count == 1 else 'stand'} out by up to "
-            f"{short(self.largest)}: {self.place}. "
-            f"{_replacement_clause(self.replaced, self.count)} {CABLE}"
+            f"{short(self.largest)}: {self.place}. {_replacement_clause(self.replaced, self.count)} {CABLE}"
         )
 
 

@@ -16,8 +16,8 @@ from dynident.models import Model
 from dynident.motion.log import Motion, stack_states, subsample
 from dynident.regression import fitted_mask
 from dynident.runtime import Finding, Severity
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MIN_OFFSET, MAX_OFFSET = 4e-3, 0.1  # s: filters that lag by less do no harm, longer ones are buffers
 MIN_STEPS = 1.0  # of the sampling: what is faster lies between two samples
 LAG_RATIOS = (1.0, 1.2, 1.44)  # time constants over the offset, which is log(2) of one where friction jumps

@@ -18,19 +18,11 @@ from numpy.typing import NDArray
 from dynident.models import Model, Parameter
 from dynident.motion.filters import frequency_response
 from dynident.motion.log import Motion, stack_states, subsample
-from dynident.regression import (
-    EntryBlock,
-    ParallelFilter,
-    Rank,
-    TriangularFactors,
-    factorise,
-    fitted_mask,
-    rank_of,
-)
+from dynident.regression import EntryBlock, ParallelFilter, Rank, TriangularFactors, factorise, fitted_mask, rank_of
 from dynident.regression.whitening import long_run
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 CASE_SAMPLES = 1000  # of all motions, up to twice as many
 MAX_CUTOFF = 20.0  # Hz: largest cut-off; rigid bodies move more slowly
 REVERSAL_MARGIN = 1.5  # over the cut-off: time (s) from a jump of friction within which the low-passed torque differs
@@ -190,9 +182,9 @@ def _low_pass_filter(motion: Motion, cutoff: float) -> ParallelFilter | None:
     return ParallelFilter(cutoff=cutoff) if cutoff <= 0.4 / float(np.diff(motion.t).mean()) else None
 
 
-def mask_other_joints(x: Array, j: int) -> Array:
-    """Return the columns (M, n) with zeros for all joints but j."""
-    return np.where(np.arange(x.shape[1]) == j, x, 0.0)
+def column_of_joint(case: FitCase, j: int, x: Array) -> Array:
+    """Return columns (M, n) that are x (M) at joint j and zero elsewhere."""
+    return np.where(np.arange(case.q.shape[1]) == j, x[:, None], 0.0)
 
 
 class ScoreTest(Noun):

@@ -9,7 +9,17 @@ from itertools import combinations, pairwise, tee
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks.misfit import FOLDS, FitCase, Misfit, ScoreTest, fit_case, measured_case, misfit, steady_mask
+from dynident.checks.misfit import (
+    FOLDS,
+    FitCase,
+    Misfit,
+    ScoreTest,
+    column_of_joint,
+    fit_case,
+    measured_case,
+    misfit,
+    steady_mask,
+)
 from dynident.checks.motion_notes import OtherPayload
 from dynident.checks.robot_notes import (
     MAX_SIMULATION_COST,
@@ -19,15 +29,14 @@ from dynident.checks.robot_notes import (
     TermLeftOut,
     Unexplained,
 )
-from dynident.checks.suspects import MIN_STANDARD_ERRORS, find_ripple
+from dynident.checks.suspects import MIN_STANDARD_ERRORS, find_ripple, motion_shapes, rms_speed
 from dynident.identification.terms import TermChoice, TrialOutcome
 from dynident.identification.verdict_rules import SPEED_FACTOR
 from dynident.models import INERTIAL, Model
 from dynident.motion.log import Motion, subsample, thin_motions
 from dynident.regression import ParallelFilter
 from dynident.runtime import Finding, Noun, Severity
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -80,8 +89,6 @@ def _faster_torque(fit: Misfit) -> Array:
 
 
 TIME_STEP = 1e-4  # s, of the differences in time
-SIGN_WIDTH = 0.05  # of the rms speed: width of the sign of a velocity
-STRIBECK_SPEED = 0.2  # of the rms speed: where friction has fallen
 MIN_JOINT_SHARE = 0.1  # share of a joint's squared residual that an effect of its own must explain to be reported
 MIN_TORQUE_SHARE = 0.005  # share of a joint's torque (rms) below which an effect is none
 MIN_WARNING_SHARE = 0.4  # ... and to be warned of
@@ -204,22 +211,13 @@ def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, A
     age = np.linspace(-1.0, 1.0, len(case.q))  # a drift grows linearly over all logs, in their order
     torque_derivative = torque_rate(fit, case)
     friction_jumps = _has_coulomb(case)
-    # smooth signs over a fraction of the rms speed: a jump would test the noise of the velocity
-    speed = np.maximum(np.sqrt(np.mean(fit.case.dq**2, axis=0)), 1e-12)
-    sign = np.tanh(case.dq / (SIGN_WIDTH * speed))
+    by_motion = motion_shapes(case, rms_speed(fit.case))
     torque, rms_torque = case.torque(fit.theta), np.maximum(np.sqrt(np.mean(fit.torque**2, axis=0)), 1e-12)
     load_ratio = np.minimum(np.abs(torque), np.abs(fit.torque).max(axis=0)) / rms_torque  # beyond, nobody knows
     # each shape is made only when it is asked for, as their columns together are large
     shapes: dict[TermKind, Callable[[int], Array]] = {
-        TermKind.VISCOUS: lambda j: case.dq[:, j],
-        TermKind.COULOMB: lambda j: sign[:, j],
-        TermKind.OFFSET: lambda _: np.ones(len(case.q)),
-        TermKind.ROTOR: lambda j: case.ddq[:, j],
-        TermKind.SPRING: lambda j: case.q[:, j],
-        TermKind.ASYMMETRIC: lambda j: np.abs(case.dq[:, j]),
-        TermKind.QUADRATIC: lambda j: np.abs(case.dq[:, j]) * case.dq[:, j],
-        TermKind.STRIBECK: lambda j: sign[:, j] * np.exp(-np.abs(case.dq[:, j]) / (STRIBECK_SPEED * speed[j])),
-        TermKind.LOAD: lambda j: sign[:, j] * np.abs(load[:, j]),
+        **by_motion,
+        TermKind.LOAD: lambda j: by_motion[TermKind.COULOMB](j) * np.abs(load[:, j]),
         TermKind.DRIFT: lambda j: age * friction[:, j],
         TermKind.GAIN_DRIFT: lambda j: age * torque[:, j],
         TermKind.DELAY: lambda j: -torque_derivative[:, j],
@@ -228,21 +226,16 @@ def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, A
     for kind, shape in shapes.items():
         for j in range(n):
             has_coulomb = kind is TermKind.COULOMB and friction_jumps[j]
-            yield TermKind.SMOOTH if has_coulomb else kind, j, None, 0.0, _column_of_joint(case, j, shape(j))
+            yield TermKind.SMOOTH if has_coulomb else kind, j, None, 0.0, column_of_joint(case, j, shape(j))
     for j, ripple_fit in enumerate(ripples):
         if ripple_fit is not None:
-            yield TermKind.RIPPLE, j, None, ripple_fit[0], _column_of_joint(case, j, ripple_fit[1])
+            yield TermKind.RIPPLE, j, None, ripple_fit[0], column_of_joint(case, j, ripple_fit[1])
     # the torque of a neighbour shows wrong wiring and coupled drives, in both directions of the chain
     for i, j in (*pairwise(range(n)), *pairwise(range(n - 1, -1, -1))):
-        yield TermKind.NEIGHBOUR, j, i, 0.0, _column_of_joint(case, j, torque[:, i])
+        yield TermKind.NEIGHBOUR, j, i, 0.0, column_of_joint(case, j, torque[:, i])
     for i, j in combinations(range(n), 2):
-        column = _column_of_joint(case, i, case.ddq[:, j]) + _column_of_joint(case, j, case.ddq[:, i])
+        column = column_of_joint(case, i, case.ddq[:, j]) + column_of_joint(case, j, case.ddq[:, i])
         yield TermKind.COUPLED, j, i, 0.0, column
-
-
-def _column_of_joint(case: FitCase, j: int, x: Array) -> Array:
-    """Return columns (M, n) that are x (M) at joint j and zero elsewhere."""
-    return np.where(np.arange(case.q.shape[1]) == j, x[:, None], 0.0)
 
 
 def _load_and_friction(fit: Misfit, case: FitCase) -> tuple[Array, Array]:
@@ -357,16 +350,13 @@ def reversal_findings(
     model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None = None
 ) -> Iterator[Finding]:
     """Yield the joints whose torque, as measured, has most of its residual near their reversals."""
-    motion_rows = [
-        (motion, indices)
-        for motion, indices in zip(motions, subsample(motions, REVERSAL_SAMPLES), strict=True)
-        if len(indices) > 1
-    ]
-    if not motion_rows:
+    rows = subsample(motions, REVERSAL_SAMPLES)
+    pairs = [(motion, indices) for motion, indices in zip(motions, rows, strict=True) if len(indices) > 1]
+    if not pairs:
         return
     case = measured_case(model, thin_motions(motions, REVERSAL_SAMPLES), min_speed)
     fit = misfit(case)
-    near_reversals = np.concatenate([~steady_mask(motion, REVERSAL_TIME)[indices] for motion, indices in motion_rows])
+    near_reversals = np.concatenate([~steady_mask(motion, REVERSAL_TIME)[indices] for motion, indices in pairs])
     for j, joint in enumerate(model.joints):
         share = _share_near(np.square(fit.residual[:, j]), near_reversals[:, j], fit.weight[:, j] > 0)
         excess_error = 100.0 * share**0.5 * float(fit.error[j])
@@ -385,7 +375,7 @@ def _smooth_friction_width(case: FitCase, fit: Misfit, j: int) -> float:
     # each width is fitted with all parameters of the model free, also the Coulomb friction with its jump
     remaining = {}
     for width in (share * speed for share in SMOOTH_WIDTHS):
-        column = _column_of_joint(case, j, np.tanh(case.dq[:, j] / width))
+        column = column_of_joint(case, j, np.tanh(case.dq[:, j] / width))
         smooth_fit = misfit(replace(case, extra=(*case.extra, column)), fit.weight.max(axis=0))
         remaining[width] = float(mean_square(smooth_fit)[j])
     best = min(remaining, key=lambda width: remaining[width])

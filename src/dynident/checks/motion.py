@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.checks import log_notes, motion_notes
 from dynident.checks.misfit import FitCase, fit_case
@@ -28,6 +27,7 @@ from dynident.regression import (
     structural_base_parameters,
 )
 from dynident.runtime import Finding
+from dynident.runtime.arrays import Array
 
 MAX_COMPENSATED_ERROR = 0.8  # of the error with gravity: without it, a fit must be better by that much
 MAX_GRAVITY_SHARE = 0.3  # share of gravity from which on it is not compensated
@@ -95,11 +95,8 @@ def slow_findings(regression: Regression) -> Iterator[Finding]:
     share = np.sqrt(np.maximum(static_error**2 - full_error**2, 0.0))
     has_torque = regression.triangular_factors.factors[:, :, -1].any(axis=1)
     # all joints must be slow: the advice is to repeat the whole motion faster
-    if (
-        has_torque.any()
-        and (full_error[has_torque] < MAX_FIT_ERROR).all()
-        and (share[has_torque] < MIN_ACCELERATION_SHARE * full_error[has_torque]).all()
-    ):
+    is_slow = (full_error < MAX_FIT_ERROR) & (share < MIN_ACCELERATION_SHARE * full_error)
+    if has_torque.any() and is_slow[has_torque].all():
         k = int(np.argmax(np.where(has_torque, share / np.maximum(full_error, 1e-12), -1.0)))
         speed_factor = float(np.sqrt(TARGET_ACCELERATION_SHARE * full_error[k] / max(share[k], 1e-3 * full_error[k])))
         yield Finding(log_notes.SlowMotion(float(share[k]), float(full_error[k]), speed_factor))
@@ -117,8 +114,6 @@ def repeat_findings(logs: Mapping[str, Mapping[str, Log]]) -> Iterator[Finding]:
                 yield Finding(log_notes.RepeatedMotion(train_name, repeat.lag, repeat.error), source=name)
                 break
 
-
-Array = NDArray[np.float64]
 
 SLOW_SPEED_SHARE = 0.02  # of the peak speed: below, a joint hardly moves
 LIMIT_TOLERANCE = 1.02  # x the limit
@@ -181,10 +176,8 @@ def _rms(x: Array) -> float:
 
 
 def _reversal_count(dq: Array, floor: float) -> int:
-    """Return how often the velocity changes sign, with speeds below ``floor`` ignored."""
-    # near zero speed the sign is that of the noise
-    signs = np.sign(dq[np.abs(dq) > floor])
-    return int(np.count_nonzero(np.diff(signs)))
+    """Return how often the velocity changes sign, with speeds below ``floor`` ignored, whose sign is that of noise."""
+    return int(np.count_nonzero(np.diff(np.sign(dq[np.abs(dq) > floor]))))
 
 
 def hardly_moving_findings(excitations: Sequence[Excitation], model: Model) -> Iterator[Finding]:
@@ -287,11 +280,8 @@ def odd_log_findings(
     # a log needs several times as many equations as parameters, or its own fit explains anything
     min_samples = MIN_ROWS_PER_PARAMETER * len(model.parameters) // len(model.joints)
     # of a log without torque more is said elsewhere
-    logs = [
-        motion
-        for motion in (*motions, *held_out.values())
-        if motion.mask.sum() >= min_samples and motion.tau[motion.mask].any()
-    ]
+    all_motions = (*motions, *held_out.values())
+    logs = [x for x in all_motions if x.mask.sum() >= min_samples and x.tau[x.mask].any()]
     if len(logs) < 2:
         return
     samples = max(ODD_LOG_SAMPLES, min_samples * len(logs))
@@ -301,10 +291,8 @@ def odd_log_findings(
     if not before > MIN_COMMON_ERROR:
         return
     # the error of each split into one log and all others, from the triangular factors without the samples
-    separate_errors = [
-        np.hypot(_residual_norm([*factors[:k], *factors[k + 1 :]]), _residual_norm([factors[k]]))
-        for k in range(len(logs))
-    ]
+    parts = [([*factors[:k], *factors[k + 1 :]], [factors[k]]) for k in range(len(logs))]
+    separate_errors = [np.hypot(_residual_norm(others), _residual_norm(single)) for others, single in parts]
     odd = int(np.argmin(separate_errors)) if len(logs) > 2 else 1
     after = 100.0 * float(separate_errors[odd]) / torque
     if after < MAX_ODD_ERROR_RATIO * before:

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.checks import file_notes
 from dynident.checks.torque import nominal_torque, nuisance_columns, project_out, thin_samples, torque_or_zero
@@ -14,8 +13,7 @@ from dynident.models import Model, consistency_violations, from_physical, to_phy
 from dynident.models.robot_files import RobotFile, RobotJoint, RobotJointLimits
 from dynident.motion.log import Motion
 from dynident.runtime import Finding, Severity
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 MAX_CENTRE_DISTANCE = 1.0  # m: a centre of mass so far from its link's frame is rather in millimetres
 MAX_GYRATION_RATIO = 0.6  # radius of gyration over the size of the link; a rod has 0.29, two masses at its ends 0.5
@@ -83,27 +81,22 @@ def check_robot(
     facts = link_facts(file)
     moving = [joint for joint in file.joints if joint.kind != "fixed" and (joints is None or joint.name in joints)]
     findings = [
-        *_inertia_findings(file, inconsistent),
-        *_mass_findings(file, moving),
+        *_inertia_findings(file, moving, inconsistent),
         *_size_findings(file, facts),
         *_origin_findings(file, facts),
         *_copy_findings(file, facts),
-        *_total_mass_findings(facts),
+        *_robot_findings(file, moving, facts),
         *_limit_findings(file, moving),
-        *_base_findings(file, moving),
         *(Finding(file_notes.Unread(f"{note}.")) for note in file.notes),
     ]
     return tuple(replace(finding, source=file.source) for finding in findings)
 
 
-def _inertia_findings(file: RobotFile, severity: Severity) -> Iterator[Finding]:
+def _inertia_findings(file: RobotFile, moving: Sequence[RobotJoint], severity: Severity) -> Iterator[Finding]:
+    """Yield impossible inertias, moving bodies without mass, inertias that come from shapes, and point masses."""
     for name, theta in file.links.items():
         for violation in () if theta is None else consistency_violations(theta):
             yield Finding(file_notes.ImpossibleInertia(violation), link=name, severity=severity)
-
-
-def _mass_findings(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
-    """Yield the moving bodies without mass, links whose inertia comes from shapes, and point masses."""
     for joint in moving:
         carried = _rigid_links(file, joint.child)
         thetas = [file.links[name] for name in carried]
@@ -116,8 +109,11 @@ def _mass_findings(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Fi
             yield Finding(file_notes.PointMass(float(theta[0])), link=name)
 
 
-def _base_findings(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
-    """Yield the joints that let the base float, and a base that is perhaps the trunk of a walking robot."""
+def _robot_findings(file: RobotFile, moving: Sequence[RobotJoint], facts: Sequence[LinkFacts]) -> Iterator[Finding]:
+    """Yield an odd total mass, joints that let the base float, and a base that is perhaps a walking robot's trunk."""
+    total = sum(fact.mass for fact in facts)
+    if facts and not MIN_ARM_MASS <= total <= MAX_ARM_MASS:
+        yield Finding(file_notes.OddTotalMass(total))
     for name in file.floating:
         yield Finding(file_notes.FloatingBase(), name)
     if (limbs := file.limbs({joint.name for joint in moving})) is not None:
@@ -143,15 +139,11 @@ def _size_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Find
         if fact.link in base_links:
             continue
         gyration = float(np.sqrt(max(fact.moments[-1], 0.0) / abs(fact.mass)))
-        size = _link_size(file, fact)
+        # the length of a link: the distance to its joints, or twice that to its centre of mass
+        origins = [x.placement[:3, 3] for x in file.joints if fact.link in (x.parent, x.child)]
+        size = max([MIN_LINK_SIZE, 2 * distance, *(float(np.linalg.norm(origin)) for origin in origins)])
         if gyration > MAX_GYRATION_RATIO * size:
             yield Finding(file_notes.LargeGyration(float(fact.moments[-1]), gyration, fact.mass, size), link=fact.link)
-
-
-def _link_size(file: RobotFile, fact: LinkFacts) -> float:
-    """Return the approximate length of a link: the distance to its joints, or twice that to its centre of mass."""
-    lengths = [float(np.linalg.norm(x.placement[:3, 3])) for x in file.joints if fact.link in (x.parent, x.child)]
-    return max([MIN_LINK_SIZE, 2 * float(np.linalg.norm(fact.centre)), *lengths])
 
 
 def _origin_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
@@ -186,12 +178,6 @@ def _copy_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Find
         alone = len(group) == len(facts) > 2
         severity = Severity.WARNING if alone else Severity.INFO
         yield Finding(file_notes.EqualLinks(names, group[0].mass, alone), severity=severity)
-
-
-def _total_mass_findings(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
-    total = sum(fact.mass for fact in facts)
-    if facts and not MIN_ARM_MASS <= total <= MAX_ARM_MASS:
-        yield Finding(file_notes.OddTotalMass(total))
 
 
 def _limit_findings(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:

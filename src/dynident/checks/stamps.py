@@ -17,8 +17,7 @@ from dynident.motion.log import Log, Motion, thin_motions
 from dynident.motion.splines import noise_sigma
 from dynident.regression import Regression, Selection
 from dynident.runtime import Finding, Severity
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 MINIMUM_SAMPLES = 30
 """Least number of samples of a log that can be smoothed."""
@@ -170,33 +169,23 @@ def _long_steps(log: Log) -> NDArray[np.intp]:
     return np.flatnonzero(steps > MAX_GAP_STEPS * np.median(steps))
 
 
-def sample_findings(log: Log) -> Iterator[Finding]:
-    """Yield an error where the log is too short."""
+def step_findings(log: Log) -> Iterator[Finding]:
+    """Yield an error where the log is too short or a gap too long for a smoother, a warning where its steps vary."""
+    steps = np.diff(log.t)
+    median = float(np.median(steps)) if len(steps) else 0.0
     if len(log) < MINIMUM_SAMPLES:
-        step = float(np.median(np.diff(log.t))) if len(log) > 1 else 0.0
-        yield Finding(channel_notes.TooFewSamples(len(log), MINIMUM_SAMPLES, step))
-
-
-def gap_findings(log: Log) -> Iterator[Finding]:
-    """Yield an error where a gap is too long for a smoother."""
+        yield Finding(channel_notes.TooFewSamples(len(log), MINIMUM_SAMPLES, median))
     long_steps = _long_steps(log)
     if len(long_steps):
-        steps, first_gap = np.diff(log.t), long_steps[0]
-        length = float(steps[first_gap])
-        note = channel_notes.LongGap(length, float(log.t[first_gap]), length / float(np.median(steps)), len(long_steps))
-        yield Finding(note)
-
-
-def jitter_findings(log: Log) -> Iterator[Finding]:
-    """Yield a warning where the time steps vary much."""
-    steps = np.diff(log.t)
-    median, jitter = float(np.median(steps)), _relative_jitter(steps)
+        length, after = float(steps[long_steps[0]]), float(log.t[long_steps[0]])
+        yield Finding(channel_notes.LongGap(length, after, length / median, len(long_steps)))
+    jitter = _relative_jitter(steps)
     if jitter > _MAX_JITTER:
         yield Finding(channel_notes.UnevenSteps(jitter, median, float(steps.min()), float(steps.max())))
 
 
 def stamp_findings(facts: Timing) -> Iterator[Finding]:
-    """Yield which time axis to use: the stamps, or equal spacing, whichever leaves less noise in the positions."""
+    """Yield which time axis to use, that with less noise in the positions, and how many samples are missing."""
     best = min(facts.even, facts.slots)
     if best < _MAX_NOISE_RATIO and facts.jitter > _MAX_ROUNDING_JITTER:
         # equal spacing would shift all that follows a loss
@@ -205,10 +194,6 @@ def stamp_findings(facts: Timing) -> Iterator[Finding]:
         yield Finding(channel_notes.StampsJitter(facts.jitter, 1 / best, rate, step))
     elif facts.jitter > _MAX_JITTER:
         yield Finding(channel_notes.SamplingJitter(facts.jitter, facts.even if facts.even > 1.02 else None))
-
-
-def lost_sample_findings(facts: Timing) -> Iterator[Finding]:
-    """Yield the number of samples missing between the others."""
     if facts.missing:
         share = facts.missing / (facts.samples + facts.missing)
         severity = Severity.WARNING if share > _MAX_LOST_SHARE else Severity.INFO

@@ -9,16 +9,15 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.checks import robot_notes
-from dynident.checks.misfit import MAX_CUTOFF, FitCase, Misfit, ScoreTest, mask_other_joints, misfit
-from dynident.checks.robot_notes import Rival, SuspectedValue, SuspectQuantity
+from dynident.checks.misfit import MAX_CUTOFF, FitCase, Misfit, ScoreTest, column_of_joint, misfit
+from dynident.checks.robot_notes import Rival, SuspectedValue, SuspectQuantity, TermKind
 from dynident.models import Joint, Model
 from dynident.models.robot_files import RobotJoint
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Rivals = tuple[Rival, ...]
 Note = Callable[[float, float, float, Rivals], SuspectedValue]
 
@@ -31,24 +30,29 @@ MAX_SETTLED_STEP = 0.1  # of a standard error: a smaller step ends the search
 class Suspect(Noun):
     """An unknown of a ``joint`` (None: of all), with what is needed to test and to correct it.
 
-    ``derivative`` is that of the torque with respect to it, at zero, in a fit; ``correct_case`` returns the case
-    with it corrected; ``note`` makes the note from its value, standard error, share and the rivals that explain
-    as much. ``limit`` is the largest plausible value; of suspects that explain about the same the one of the
-    lowest ``order`` is reported; a value beyond ``usual`` comes after all others, one
-    below ``least`` is none. ``in_use`` is the case as the user meets it: its motion, where that is wrong in
-    the log only.
+    ``correct_case`` returns the case with it corrected; ``note`` makes the note from its value, standard error,
+    share and the rivals that explain as much. ``limit`` is the largest plausible value; of suspects that explain
+    about the same the one of the lowest ``order`` is reported; a value beyond ``usual`` comes after all others, one
+    below ``least`` is none. What is wrong ``only_in_log`` is right in the motion that the user meets.
     """
 
     joint: str | None
     quantity: SuspectQuantity
-    derivative: Callable[[Misfit], Array]
     correct_case: Callable[[FitCase, float], FitCase]
     note: Note
     limit: float
     order: float
-    in_use: Callable[[FitCase, float], FitCase] = lambda case, _: case
     usual: float = np.inf
     least: float = 0.0
+    only_in_log: bool = False
+
+    def derivative(self, fit: Misfit) -> Array:
+        """Return that of the torque (M, n) at the fitted parameters: exact of a gain, else by a forward difference."""
+        if self.quantity is SuspectQuantity.GAIN:
+            j = [joint.name for joint in fit.case.model.joints].index(str(self.joint))
+            return column_of_joint(fit.case, j, fit.torque[:, j])
+        torque = self.correct_case(fit.case, DIFFERENCE_STEP).torque(fit.theta)
+        return np.asarray((torque - fit.torque) / DIFFERENCE_STEP)
 
 
 class SuspectEstimate(Noun):
@@ -138,16 +142,37 @@ def is_beyond_own_effects(fit: Misfit, estimate: SuspectEstimate) -> bool:
     return bool(explains and (after <= (1.0 + MAX_WORSENING) * before).all())
 
 
-def _own_effects(fit: Misfit, j: int) -> tuple[Array, ...]:
+def motion_shapes(case: FitCase, speed: Array) -> dict[TermKind, Callable[[int], Array]]:
+    """Return the shapes (M) of effects that a joint has by its motion alone, as functions of its number.
+
+    Signs turn over a fraction of the rms ``speed`` (n): a jump would test the noise of the velocity.
+    """
+    q, dq = case.q, case.dq
+    sign = np.tanh(dq / (SIGN_WIDTH * speed))
+    return {
+        TermKind.VISCOUS: lambda j: dq[:, j],
+        TermKind.COULOMB: lambda j: sign[:, j],
+        TermKind.OFFSET: lambda _: np.ones(len(q)),
+        TermKind.ROTOR: lambda j: case.ddq[:, j],
+        TermKind.SPRING: lambda j: q[:, j],
+        TermKind.ASYMMETRIC: lambda j: np.abs(dq[:, j]),
+        TermKind.QUADRATIC: lambda j: np.abs(dq[:, j]) * dq[:, j],
+        TermKind.STRIBECK: lambda j: sign[:, j] * np.exp(-np.abs(dq[:, j]) / (STRIBECK_SPEED * speed[j])),
+    }
+
+
+def rms_speed(case: FitCase) -> Array:
+    """Return the rms velocity (n) of each joint, more than zero."""
+    return np.asarray(np.maximum(np.sqrt(np.mean(case.dq**2, axis=0)), 1e-12))
+
+
+def _own_effects(fit: Misfit, j: int) -> list[Array]:
     """Return the columns (M, n) of friction, spring, rotor and ripple of a joint."""
     case, ripple = fit.case, find_ripple(fit, j)
-    q, dq = case.q[:, j], case.dq[:, j]
-    speed = max(float(np.sqrt(np.mean(dq**2))), 1e-12)
-    sign, fall = np.tanh(dq / (SIGN_WIDTH * speed)), np.exp(-np.abs(dq) / (STRIBECK_SPEED * speed))
-    shapes = [np.ones_like(q), q, dq, case.ddq[:, j], np.abs(dq), np.abs(dq) * dq, sign, sign * fall]
+    shapes = [shape(j) for shape in motion_shapes(case, rms_speed(case)).values()]
     if ripple is not None:
-        shapes += [wave(2 * np.pi / ripple[0] * q) for wave in (np.sin, np.cos)]
-    return tuple(np.where(np.arange(case.q.shape[1]) == j, x[:, None], 0.0) for x in shapes)
+        shapes += [wave(2 * np.pi / ripple[0] * case.q[:, j]) for wave in (np.sin, np.cos)]
+    return [column_of_joint(case, j, x) for x in shapes]
 
 
 MAX_LOG_GAIN = 3.0  # natural logarithm of a gain: a factor of 20
@@ -156,20 +181,21 @@ GAIN_ORDER = 1
 
 def gain_suspects(model: Model) -> list[Suspect]:
     """Return the suspects that the gain of one joint is wrong, by its logarithm; none for an arm of one joint."""
-    names = [joint.name for joint in model.joints]
-    return [_gain_suspect(model, j, name) for j, name in enumerate(names) if len(names) > 1]
 
-
-def _gain_suspect(model: Model, j: int, name: str) -> Suspect:
-    def derivative(fit: Misfit) -> Array:
-        return mask_other_joints(fit.torque, j)
-
-    def correct_case(case: FitCase, value: float) -> FitCase:
-        factor = np.where(np.arange(len(model.joints)) == j, np.exp(value), 1.0)
-        return replace(case, gain=case.gain * factor)
+    def correct_case(j: int, case: FitCase, value: float) -> FitCase:
+        return replace(case, gain=case.gain * _factor_of_joint(case, j, value))
 
     note = _note_of_logarithm(robot_notes.TorqueGain)
-    return Suspect(name, SuspectQuantity.GAIN, derivative, correct_case, note, MAX_LOG_GAIN, GAIN_ORDER)
+    return [
+        Suspect(joint.name, SuspectQuantity.GAIN, partial(correct_case, j), note, MAX_LOG_GAIN, GAIN_ORDER)
+        for j, joint in enumerate(model.joints)
+        if len(model.joints) > 1
+    ]
+
+
+def _factor_of_joint(case: FitCase, j: int, logarithm: float) -> Array:
+    """Return factors (n) that are one for all joints but j."""
+    return np.where(np.arange(case.q.shape[1]) == j, np.exp(logarithm), 1.0)
 
 
 def _note_of_logarithm(kind: type[SuspectedValue]) -> Note:
@@ -190,17 +216,17 @@ GEAR_ORDER = 1.5  # positions share their gear with the torque, where it is wron
 
 def gear_suspects(model: Model) -> list[Suspect]:
     """Return the suspects that the positions of one joint have a wrong factor, by the logarithm of the true one."""
-    return [_gear_suspect(j, joint.name) for j, joint in enumerate(model.joints)]
 
-
-def _gear_suspect(j: int, name: str) -> Suspect:
-    def correct_case(case: FitCase, value: float) -> FitCase:
-        factor = np.where(np.arange(case.q.shape[1]) == j, np.exp(value), 1.0)
+    def correct_case(j: int, case: FitCase, value: float) -> FitCase:
+        factor = _factor_of_joint(case, j, value)
         return replace(case, q=factor * case.q, dq=factor * case.dq, ddq=factor * case.ddq, dddq=factor * case.dddq)
 
-    note, derivative = _note_of_logarithm(robot_notes.PositionGear), _difference_derivative(correct_case)
+    note, kind = _note_of_logarithm(robot_notes.PositionGear), SuspectQuantity.GEAR
     limits = {"limit": MAX_LOG_FACTOR, "order": GEAR_ORDER, "least": MIN_LOG_GEAR}
-    return Suspect(name, SuspectQuantity.GEAR, derivative, correct_case, note, **limits, in_use=correct_case)
+    return [
+        Suspect(joint.name, kind, partial(correct_case, j), note, **limits, only_in_log=True)
+        for j, joint in enumerate(model.joints)
+    ]
 
 
 def clock_suspect() -> Suspect:
@@ -214,9 +240,8 @@ def clock_suspect() -> Suspect:
         rate = float(np.exp(-value))
         return replace(case, dq=rate * case.dq, ddq=rate**2 * case.ddq, dddq=rate**3 * case.dddq)
 
-    note, derivative = _note_of_logarithm(robot_notes.ClockWrong), _difference_derivative(correct_case)
-    kind = SuspectQuantity.CLOCK
-    return Suspect(None, kind, derivative, correct_case, note, MAX_LOG_FACTOR, CLOCK_ORDER, correct_case)
+    note, kind = _note_of_logarithm(robot_notes.ClockWrong), SuspectQuantity.CLOCK
+    return Suspect(None, kind, correct_case, note, MAX_LOG_FACTOR, CLOCK_ORDER, only_in_log=True)
 
 
 DIFFERENCE_STEP = 1e-5  # rad, m, or of a logarithm, of the differences
@@ -254,8 +279,7 @@ def _zero_suspect(j: int, joint: Joint) -> Suspect:
         return replace(case, q=q)
 
     limit = MAX_ANGLE if joint.kind == "revolute" else MAX_LENGTH
-    derivative = _difference_derivative(correct_case)
-    return Suspect(joint.name, SuspectQuantity.ZERO, derivative, correct_case, robot_notes.ZeroOff, limit, ZERO_ORDER)
+    return Suspect(joint.name, SuspectQuantity.ZERO, correct_case, robot_notes.ZeroOff, limit, ZERO_ORDER)
 
 
 def _origin_suspect(joint: RobotJoint, k: int) -> Suspect:
@@ -285,7 +309,7 @@ def _frame_suspect(
     def correct_case(case: FitCase, value: float) -> FitCase:
         return replace(case, model=displace_joint(case.model, joint, value * displacement))
 
-    return Suspect(joint, quantity, _difference_derivative(correct_case), correct_case, note, limit, order)
+    return Suspect(joint, quantity, correct_case, note, limit, order)
 
 
 def _perpendicular_axes(axis: Array) -> Array:
@@ -295,15 +319,6 @@ def _perpendicular_axes(axis: Array) -> Array:
     first_axis = reference - (reference @ axis) * axis
     first_axis /= np.linalg.norm(first_axis)
     return np.array([first_axis, np.cross(axis, first_axis)])
-
-
-def _difference_derivative(correct_case: Callable[[FitCase, float], FitCase]) -> Callable[[Misfit], Array]:
-    """Return a function for the derivative of the torque at the fitted parameters, by a forward difference."""
-
-    def derivative(fit: Misfit) -> Array:
-        return np.asarray((correct_case(fit.case, DIFFERENCE_STEP).torque(fit.theta) - fit.torque) / DIFFERENCE_STEP)
-
-    return derivative
 
 
 MIN_PERIODS, MAX_PERIODS = 3.0, 100.0  # periods within a joint's range: slower ones are springs and gravity

@@ -15,8 +15,8 @@ from dynident.models.simulation import DifferencingLoop, HasTimes, longest_stret
 from dynident.motion.log import Controller, HasState, Log, Motion, subsample
 from dynident.motion.smoothers import Spline, smooth_log
 from dynident.runtime import DynidentError, Finding
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 # of a log, at which a controller is asked; in a row, of one that remembers
 MAX_LOOP_SAMPLES, MAX_STATEFUL_SAMPLES = 1000, 5000
 MIN_LOOP_SAMPLES = 10  # samples, of which nothing is told
@@ -59,9 +59,7 @@ def loop_findings(logs: Sequence[Log]) -> Iterator[Finding]:
                 steps = log.controller.steps if isinstance(log.controller, DifferencingLoop) else 1
         except DynidentError:  # the simulation says it
             continue
-        if len(torques.tau) > MIN_LOOP_SAMPLES and all(
-            np.isfinite(commanded).all() for commanded in torques.by_steps.values()
-        ):
+        if len(torques.tau) > MIN_LOOP_SAMPLES and np.isfinite(list(torques.by_steps.values())).all():
             yield from _controller_findings(log, torques, steps)
 
 
@@ -71,10 +69,8 @@ def _controller_findings(log: Log, torques: _ControllerTorques, configured_steps
     if not has_torque.any():
         return
     # over how many steps the drives difference positions; it must be clearly better than the given number
-    total = {
-        steps: float(np.sqrt(np.mean(np.square(torques.error(steps)[has_torque] / size[has_torque]))))
-        for steps in torques.by_steps
-    }
+    shares = {steps: torques.error(steps)[has_torque] / size[has_torque] for steps in torques.by_steps}
+    total = {steps: float(np.sqrt(np.mean(np.square(share)))) for steps, share in shares.items()}
     best = min(total, key=lambda steps: total[steps])
     if total[best] > MAX_VELOCITY_ERROR_RATIO * total[configured_steps]:
         best = configured_steps
@@ -87,9 +83,8 @@ def _controller_findings(log: Log, torques: _ControllerTorques, configured_steps
     scaled_error = torques.error(best, factor)
     for j in np.flatnonzero(has_torque):
         name, share = log.joints[j], float(error[j] / size[j])
-        if abs(factor[j] - 1.0) > MIN_FACTOR_DEVIATION and scaled_error[j] < min(
-            MAX_SCALED_ERROR_RATIO * error[j], MAX_SCALED_SHARE * size[j]
-        ):
+        limit = min(MAX_SCALED_ERROR_RATIO * error[j], MAX_SCALED_SHARE * size[j])
+        if abs(factor[j] - 1.0) > MIN_FACTOR_DEVIATION and scaled_error[j] < limit:
             yield Finding(LoopGain(float(factor[j]), share, float(scaled_error[j] / size[j])), name, source=log.source)
         elif share > MIN_DIFFERENCE_SHARE and error[j] > MIN_NOISE_RATIO * torques.noise[j]:
             yield Finding(LoopDiffers(share), name, source=log.source)

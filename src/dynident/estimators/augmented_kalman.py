@@ -8,7 +8,6 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Le
-from numpy.typing import NDArray
 
 from dynident.estimators.augmented_kalman_steps import (
     Dynamics,
@@ -37,8 +36,7 @@ from dynident.runtime import (
     Step,
     report_progress,
 )
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 MAX_SAMPLES = 1_000_000  # samples
 PRIOR_STD, PRIOR_PIECES = 2.0, 16  # standard errors of least squares, of so many pieces, that the filter starts with

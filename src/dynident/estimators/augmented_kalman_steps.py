@@ -20,8 +20,8 @@ from dynident.motion.log import Log, Motion
 from dynident.motion.splines import stretches
 from dynident.regression import fitted_rows
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 SERIES_ORDER = 6  # of the exponential's series
 MAX_SERIES_NORM, MAX_DOUBLINGS = 0.25, 40  # size of what is put into the series; doublings at most
 PIECE_STEPS = 125  # steps of a piece

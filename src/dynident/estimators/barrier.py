@@ -15,8 +15,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from dynident.estimators.physical_constraints import PsdConstraint
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 MAX_DIRECT_STEPS = 6  # steps from a start, which is enough where it is close
 MAX_NEWTON_STEPS = 500  # steps at one weight of the barrier; usually a few, but many near the boundary for a thin body

@@ -7,12 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators.physical_constraints import Constraints, Limit, PsdConstraint
 from dynident.runtime import ConfigError, ModelError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_OPTIMALITY_ERROR = 1e-5
 
 

@@ -29,8 +29,8 @@ from dynident.runtime import (
     settings_repr,
     settings_text,
 )
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_PRIOR = 1e9  # in size
 
 

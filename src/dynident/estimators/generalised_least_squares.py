@@ -12,7 +12,6 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Le
-from numpy.typing import NDArray
 
 from dynident.estimators.estimator import Problem
 from dynident.estimators.least_squares import (
@@ -29,8 +28,8 @@ from dynident.estimators.noise import HausmanTest, Residuals, ResidualSeries
 from dynident.estimators.notes import NotConverged, StillColoured, WhiteningCostly
 from dynident.regression import Rank, TriangularFactors
 from dynident.runtime import ConfigError, Note, Step, report_progress
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_ORDER = 200  # order
 ORDER_ROUNDS = 3  # rounds after which the orders stay
 MIN_STEP = 0.01  # root mean square step of the parameters that is none, in standard errors

@@ -18,8 +18,8 @@ from dynident.estimators.least_squares import LinearFit
 from dynident.regression import Rank, Regression
 from dynident.regression.whitening import bandwidth, bartlett
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 # of the torque: a residual below is rounding; of a weighted row without any torque
 MIN_RELATIVE_RESIDUAL, MIN_WEIGHTED_RESIDUAL = 1e-14, 1e-10
 MIN_SINGULAR_VALUE = 1e-9  # relative singular value of W' X below which a direction has no instrument

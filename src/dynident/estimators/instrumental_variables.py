@@ -9,7 +9,6 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
-from numpy.typing import NDArray
 
 from dynident.estimators.estimator import Problem
 from dynident.estimators.instrument_moments import Moments, moments_of, score_information
@@ -44,8 +43,8 @@ from dynident.models.simulation import Failure
 from dynident.motion.log import Motion
 from dynident.regression import Regression
 from dynident.runtime import MissingInputError, Note, Step, report_progress
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 InstrumentSource = Literal["auto", "simulated", "repeated", "lagged"]
 # share of the samples that another pass must have, unless it is asked for; of the speed
 MIN_SHARED_SAMPLES, MAX_SPEED_DIFFERENCE = 0.5, 0.3

@@ -18,6 +18,7 @@ from dynident.motion.log import Log, Motion
 from dynident.regression import ParallelFilter, Regression, Selection, fitted_rows
 from dynident.regression.groups import repeated_rows
 from dynident.runtime import ConfigError, InputError, Note, Noun, Severity, WordedEnum, short
+from dynident.runtime.arrays import Array
 
 
 class InstrumentKind(WordedEnum):
@@ -125,9 +126,6 @@ def pair_rows(problem: Problem, instruments: Sequence[Instruments]) -> tuple[Reg
         replace(regression, motions=tuple(motions), selection=selection) for motions in (rows, instrument_rows)
     )
     return row_regression, instrument_regression
-
-
-Array = NDArray[np.float64]
 
 
 def simulated_instruments(problem: Problem, k: int, theta: Array) -> Instruments | Failure:

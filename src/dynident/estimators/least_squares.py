@@ -12,15 +12,14 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
-from numpy.typing import NDArray
 
 from dynident.estimators.estimator import DataRank, Estimate, Estimator, Problem, Residual
 from dynident.estimators.notes import RankDeficient
 from dynident.models import Parameter
 from dynident.regression import Rank, TriangularFactors, Whitening, rank_of
 from dynident.runtime import Note, Noun, settings_text
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Weights = Literal["equal", "per_joint"]
 MAX_ITERATIONS = 1000  # iterations
 ROUNDING = 1e-7  # of the torque: a smaller residual is no noise

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from dynident.estimators.least_squares import LinearFit
 from dynident.regression import EntryBlock, Rank, Regression, Whitening, is_stable, join_blocks, preceding_counts
 from dynident.runtime import Noun, Step, report_progress
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 MAX_CORRELATION_LAG = 50  # samples over which a whitened residual should not be correlated
 MIN_SIGNIFICANCE = 5.0  # standard errors of a correlation: by chance in none of some hundred lags

@@ -7,9 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
-import numpy as np
 from annotated_types import Ge, Gt, Le
-from numpy.typing import NDArray
 
 from dynident.estimators.estimator import Estimate, Problem
 from dynident.estimators.least_squares import (
@@ -37,8 +35,8 @@ from dynident.runtime import (
     memory_budget,
     settings_text,
 )
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 BYTES_PER_DERIVATIVE = 20  # for each sample, joint and direction: the derivatives, and what the starts leave of them
 
 

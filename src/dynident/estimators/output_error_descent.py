@@ -9,7 +9,6 @@ from functools import cached_property, partial
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators.estimator import Problem
 from dynident.estimators.instrument_moments import regularised_cholesky
@@ -26,8 +25,8 @@ from dynident.models.simulation import Failure
 from dynident.motion.smoothers import Spline
 from dynident.regression.whitening import bandwidth, bartlett
 from dynident.runtime import DynidentError, InputError, MissingInputError, Note, Noun, Step, report_progress
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 CANDIDATES = 3  # that are tried
 RIDGE = 1e-12  # of the start: a joint that rests has no sensitivity

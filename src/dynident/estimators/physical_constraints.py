@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from dynident.models import INERTIAL, Model, Parameter, to_pseudo
 from dynident.regression import TriangularFactors
 from dynident.runtime import ConfigError, Noun, choices
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Bounds = tuple[float | None, float | None]
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 INERTIA = "pseudo-inertia"

@@ -61,8 +61,8 @@ from dynident.estimators.programs import (
 from dynident.models import Model, Parameter
 from dynident.regression import base_parameters
 from dynident.runtime import ConfigError, Note, call_part
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_GAP = 1e-6  # duality gap above which the prior was not reached
 MIN_COST_SHARE, MIN_COST = 0.25, 0.5  # share of the error without constraints, and percentage points, that are said
 MAX_SHIFT = 3.0  # standard errors: noise alone moves an estimate as far in 0.3 % of all cases

@@ -11,15 +11,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators.barrier import Barrier, PenalisedQuadratic
 from dynident.estimators.cone import minimise
 from dynident.estimators.physical_constraints import BodyConstraint, Constraints
 from dynident.regression import Rank
 from dynident.runtime import ConfigError, ModelError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MARGIN_FACTORS = (1e4, 1e3, 1e2, 10.0, 3.0)  # times the margin, at the point from which the path begins
 MAX_START_SIZE = 10.0  # usual sizes, of a parameter at that point
 LIMIT_INSET = 1e-3  # limits there, in usual sizes

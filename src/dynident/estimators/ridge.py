@@ -8,7 +8,6 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
-from numpy.typing import NDArray
 
 from dynident.estimators.estimator import (
     Consistency,
@@ -32,8 +31,8 @@ from dynident.regression import (
     rank_of,
 )
 from dynident.runtime import Note, report_progress
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 NamedPrior = Literal["nominal", "none"]
 MAX_STRENGTH = 1e9
 STRENGTHS = tuple(10.0 ** (0.5 * k) for k in range(-10, 5))  # that are tried

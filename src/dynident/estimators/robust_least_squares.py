@@ -22,8 +22,8 @@ from dynident.estimators.least_squares import (
 from dynident.estimators.notes import Downweighted, StillMoving
 from dynident.regression import Rank, Regression, one_thread, rank_of
 from dynident.runtime import Note, Noun, Step, report_progress, settings_text
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 MAX_KEPT_BYTES = 2**28  # bytes of rows that are kept
 NORMAL_MAD = 0.6744897501960817  # median absolute deviation of a standard normal error

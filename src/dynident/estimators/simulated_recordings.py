@@ -39,6 +39,7 @@ from dynident.runtime import (
     Step,
     report_progress,
 )
+from dynident.runtime.arrays import Array
 
 # times the range of the recorded motion; of the widest range, what counts as that of a joint
 MAX_DISTANCE, MIN_RANGE_SHARE = 30.0, 0.1
@@ -91,9 +92,6 @@ def not_simulated_error(motions: Sequence[Motion], failure: Failure, instead: st
         f"mass matrix is made positive definite ({failure}). Check gains, units and reference of the "
         f"controller and the terms of the model, or use {instead}."
     )
-
-
-Array = NDArray[np.float64]
 
 
 def fit_resmoothed(problem: Problem, smoother: Smoother) -> Array:

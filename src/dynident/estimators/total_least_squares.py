@@ -8,7 +8,6 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Gt, Le
-from numpy.typing import NDArray
 
 from dynident.estimators.estimator import Problem, check_parameters
 from dynident.estimators.least_squares import LinearEstimator, LinearFit, fit_from_information, rows_by_joint
@@ -17,8 +16,8 @@ from dynident.motion.log import Log, Motion
 from dynident.motion.splines import steady_noise
 from dynident.regression import Rank, Regression, Selection, one_thread
 from dynident.runtime import ConfigError, InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_WINDOW = 1024  # samples of a spectrum, at most
 MIN_SAMPLES = 16
 MIN_NOISE = 1e-7  # noise, relative to the largest position

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from dynident.files.opener import afford
 from dynident.files.tables import DataTable, open_nonempty
 from dynident.runtime import memory_budget
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 _MAX_LISTED_COLUMNS = 1000  # columns of one array that are listed one by one where they are not read
 _MIN_TIME_ASPECT = 20  # times the other side of an array: a side that long is the time, where no column says so
 _HEADERS: dict[tuple[int, int], Callable[..., Any]] = {

@@ -13,7 +13,6 @@ from pathlib import Path
 from urllib.parse import unquote, urlparse
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.files.opener import afford, content, file_status, open_input
 from dynident.files.xml_text import XmlNode, XmlText
@@ -23,8 +22,8 @@ from dynident.models import Geometry, Mesh, RigidBodies, rod_geometry, to_physic
 from dynident.models.geometry import build_geometry
 from dynident.models.robot_files import UNNAMED, compile_mjcf, parse
 from dynident.runtime import InputError, ModelError, install_command
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 STL_HEADER_SIZE = 84  # bytes before the facets of a binary STL
 MAX_MESH_SIZE = 50.0  # m

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.files.opener import afford
 from dynident.files.tables import (
@@ -27,13 +26,13 @@ from dynident.files.tables import (
     report_damage,
 )
 from dynident.files.text import call_polars, parse_stamps, seconds
+from dynident.runtime.arrays import Array
 
 if TYPE_CHECKING:
     import polars as pl
 
 _MAX_FOOTER_DEPTH = 20
 _ROW_GROUPS, _CHUNKS, _META, _PATH, _COUNT = 4, 1, 3, 3, 5  # the fields of the footer that are used
-Array = NDArray[np.float64]
 _MAX_STRUCT_DEPTH = 20  # structs in structs
 _CELLS_PER_TEXT = 20  # columns of numbers that take as much memory as one of texts that are read as dates
 

@@ -26,6 +26,7 @@ from dynident.files.opener import afford, open_input, read_text
 from dynident.files.tables import DataTable
 from dynident.files.yaml_text import load_yaml
 from dynident.runtime import MEMORY_VARIABLE, InputError, Noun, choices, install_command, memory_budget
+from dynident.runtime.arrays import Array
 from dynident.runtime.families import READERS
 
 _BUDGET_DIVISOR = 32  # of the budget, what chunks hold beyond the usual ratio
@@ -33,7 +34,6 @@ _MAX_COMPRESSION_RATIO = 100  # chunks of a recording are compressed less
 _MAX_FRAMES = 1000
 _READ_SIZE = 1 << 20
 _ROSBAGS_LOCK = Lock()  # bags are read in turn: what ``chunks_within_budget`` replaces is one for the whole process
-Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 BAGS = (".bag", ".db3", ".mcap")

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from dynident.files.opener import content, file_status, open_input
 from dynident.runtime import InputError, Noun, call_part, choices
+from dynident.runtime.arrays import Array
 from dynident.runtime.families import READERS
 
 PARQUET, BAG_FOLDER, DATA_SET = ".parquet", ".db3", "lerobot"  # the kinds of folders
 INFO_FILE = Path("meta", "info.json")  # of a LeRobot data set
-Array = NDArray[np.float64]
 DAY = 86_400  # s
 
 

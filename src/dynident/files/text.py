@@ -11,16 +11,15 @@ from threading import Lock
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.files.opener import afford
 from dynident.files.tables import DAY, DataTable, nonempty_content
 from dynident.runtime import InputError
+from dynident.runtime.arrays import Array
 
 if TYPE_CHECKING:
     import polars as pl
 
-Array = NDArray[np.float64]
 _STAMP = (
     r"^(?P<date>\d{4}[-/]\d{2}[-/]\d{2})[Tt ]\s*"
     r"(?P<h>[01]\d|2[0-3]):(?P<m>[0-5]\d)(:(?P<s>[0-5]\d|60)([.,](?P<f>\d+))?)?"

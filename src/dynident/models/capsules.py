@@ -7,7 +7,6 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.models.geometry import (
     Balls,
@@ -23,8 +22,8 @@ from dynident.models.geometry import (
 from dynident.models.rigid_bodies import RigidBodies
 from dynident.models.robot_files import ShapeKind
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 CIRCLE_POINTS = 16  # points around a circle that stands for a round shape
 CUT_HEIGHTS = (0.3, 0.5, 0.7)  # of the length of a mesh, where it is cut
 

@@ -7,15 +7,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.models.term import Joint, Past, Term
 from dynident.runtime import Axes, DynidentError, ModelError, Noun, short, vector
+from dynident.runtime.arrays import Array
 
 if TYPE_CHECKING:
     from dynident.models.model import Model
-
-Array = NDArray[np.float64]
 
 
 def call_term(model: Model, term: Term, method: str, *arguments: Any) -> Any:

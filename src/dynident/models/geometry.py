@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from dynident.models.rigid_bodies import RigidBodies
 from dynident.models.robot_files import LinkShapes, Shape, ShapeKind, motion_matrix
 from dynident.runtime import Noun
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ matrix inequalities for physically consistent inertial parameter identification"
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.runtime import ModelError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 EVEN_PERMUTATIONS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # the even permutations of the components
 
 

@@ -11,7 +11,6 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.models.lumping import Lump, Monomial, compile_expressions, lump_parameters
@@ -19,8 +18,7 @@ from dynident.models.model import Model
 from dynident.models.motor import RotorInertia
 from dynident.models.term import Joint, Parameter, Partials, Term, check_joints
 from dynident.runtime import ModelError, install_command, join_names
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 _FACTOR = r"(1|[^\W\d_]+(\^-?\d+)?)"
 _UNIT = re.compile(rf"{_FACTOR}( {_FACTOR})*(/{_FACTOR}( {_FACTOR})*)?")

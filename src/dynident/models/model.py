@@ -28,8 +28,7 @@ from dynident.models.structure import Structure, common_structure, random_states
 from dynident.models.term import Joint, Parameter, Partials, Term
 from dynident.motion.log import Motion
 from dynident.runtime import ModelError, join_names
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 
 @dataclass(frozen=True)

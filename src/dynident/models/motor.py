@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from dynident.models.friction import AsymmetricViscous, Coulomb, JointTerm, Offset, PerJoint, Power, Stribeck, Viscous
 from dynident.models.term import Equation, Joint, Parameter, Partials, Term, check_joints
 from dynident.runtime import ModelError, choices
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from dynident.models.inertia import cross, diagonal, dot, matmul, matvec, outer, transposed_matvec
 from dynident.models.tree import Chain, Layout, Tree
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 AT_ONCE = 12_000  # samples times bodies: temporary arrays stay in the cache
 INERTIAS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # rows and columns of the inertia, as INERTIAL has them

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from dynident.models.recursion import Recursion
 from dynident.models.tree import Layout, Tree
+from dynident.runtime.arrays import Array
 from dynident.runtime.kernel import function
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 WORK_PER_BODY = 8 * 100  # doubles of work for each body: the most lanes, and more than the numbers in each
 STATES = (c_void_p, c_void_p, c_int64, *[c_void_p] * 4, c_int64)

@@ -35,8 +35,8 @@ from dynident.models.robot_files import (
 from dynident.models.term import INERTIAL, Joint, Parameter, Partials, Term
 from dynident.models.tree import Layout, Tree
 from dynident.runtime import ModelError, Noun, join_names
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
 

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from dynident.models.term import Joint, Term
 from dynident.runtime import ModelError, Noun
+from dynident.runtime.arrays import Array
 
 if TYPE_CHECKING:
     from dynident.models.model import Model
 
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 EXTRA_SAMPLES = 30  # random states beyond the number of columns that they are to tell apart
 # of the largest effect of a parameter of this unit: what a column may differ by from others

@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.runtime import ModelError, Noun, Part, brief
+from dynident.runtime.arrays import Array
 
 if TYPE_CHECKING:
     from dynident.models.robot_files import RobotFile, RobotJointLimits
-
-Array = NDArray[np.float64]
 
 
 def _sign(x: Array, band: float = 0.0) -> Array:

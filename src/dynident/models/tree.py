@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from dynident.models.robot_files import Arm
 from dynident.runtime import ModelError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
 

@@ -10,11 +10,11 @@ import ctypes
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dynident.runtime.arrays import Array
 from dynident.runtime.kernel import function
 
-Array = NDArray[np.float64]
 MAX_KERNEL_SECTIONS = 8  # sections that the kernel takes
 DEFAULT_LAGS = 20  # of the whiteness test
 

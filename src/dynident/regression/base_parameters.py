@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterable, Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.models import INERTIAL, Model, Parameter, motion_memory, random_states
 from dynident.motion.log import Motion
@@ -26,8 +26,8 @@ from dynident.regression.triangular import (
     tied_groups,
 )
 from dynident.runtime import ModelError, Note, Noun, join_names
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MIN_SHARE = 1e-8  # a smaller share in a base parameter is rounding error
 MIN_INDEPENDENCE = 1e-2  # a column this far from the span of those already kept is clearly independent
 

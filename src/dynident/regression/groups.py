@@ -15,8 +15,8 @@ from dynident.motion.filters import cross_correlation
 from dynident.motion.log import Log, Motion
 from dynident.regression.base_parameters import BaseParameters
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 MAX_REPEAT_DIFFERENCE = 10.0  # %, difference of positions and torques below which two recordings are of one motion

@@ -19,9 +19,9 @@ from dynident.motion.splines import stretches
 from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise, one_thread
 from dynident.regression.whitening import ParallelFilter, PlacedBlock, Whitening, whiten_blocks
 from dynident.runtime import ConfigError, InputError, Noun
+from dynident.runtime.arrays import Array
 from dynident.runtime.jobs import Status, run_jobs
 
-Array = NDArray[np.float64]
 BLOCK = 2048  # samples whose entries stay in the cache while they are factorised
 
 

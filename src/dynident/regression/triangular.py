@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from dynident.models import INERTIAL, Parameter, Structure
 from dynident.runtime import ConfigError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 PANEL_COLUMNS = 8  # columns that LAPACK eliminates together
 
 

@@ -30,8 +30,7 @@ from dynident.motion.smoothers import cutoff_complaint
 from dynident.motion.splines import stretches
 from dynident.regression.triangular import EntryBlock
 from dynident.runtime import Axes, ConfigError, Noun, check_settings
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 
 def bandwidth(series: Iterator[Iterator[Array]]) -> int:

@@ -10,7 +10,6 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Estimate, Estimator, Problem
 from dynident.models import Model
@@ -20,6 +19,7 @@ from dynident.motion.log import Log, Motion
 from dynident.project.parts import build_part, with_settings
 from dynident.regression import Regression
 from dynident.runtime import MissingInputError
+from dynident.runtime.arrays import Array
 from dynident.runtime.families import ESTIMATORS, PartFamily
 
 
@@ -39,7 +39,6 @@ def builds_itself_from_its_settings(family: PartFamily, part: object) -> None:
     assert rebuilt == part, f"{part} is described as {settings}, which builds {rebuilt}"
 
 
-Array = NDArray[np.float64]
 SPEED_FACTOR = 5.0  # than the motion: simulations take as long as what they simulate
 LOOP_FREQUENCY, DAMPING_RATIO = 40.0, 0.7  # rad/s and share: of the loop, for the mass that each joint has at first
 POSITION_NOISE_RATIO = 1e-4  # m or rad of noise of the positions for 1 N m or N of the torque's

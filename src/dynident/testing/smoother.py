@@ -7,15 +7,14 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Smoother
 from dynident.runtime import InputError, MissingInputError
+from dynident.runtime.arrays import Array
 from dynident.runtime.families import SMOOTHERS
 from dynident.testing.estimator import builds_itself_from_its_settings, cannot_be_changed
 
-Array = NDArray[np.float64]
 MotionOf = Callable[[Array], tuple[Array, Array, Array]]
 PERIOD = 3.7  # s
 

@@ -8,12 +8,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.models import FUNCTIONS, Model, Past, Term
 from dynident.runtime import ModelError
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 
 def check_term(term: Term) -> None:

@@ -13,15 +13,15 @@ from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.motion.filters import one_pole_filter
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import Regression
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 from dynident.validation.standard_errors import bread, robust_covariance, stretches_of
 
-Array = NDArray[np.float64]
 MAX_COLOURED_SAMPLES, COLOURED_PIECE = 10_000, 2_500  # the same of a coloured residual
 MAX_ROUNDS, RHO_TOLERANCE = 12, 1e-3
 MIN_DEGREES = 2.0  # degrees of freedom

@@ -7,14 +7,13 @@ from enum import StrEnum
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.models import Model
 from dynident.models.simulation import Failure, longest_stretch, simulate_recording, ticks
 from dynident.motion.log import Controller, Motion
 from dynident.runtime import OMITTED, ConfigError, InputError, Noun
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 
 class Driver(StrEnum):

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from dynident.motion.filters import autocorrelation
 from dynident.regression.groups import repeated_rows
+from dynident.runtime.arrays import Array
 from dynident.validation.residuals import LOW_FREQUENCY, Cause, HighFrequency, decorrelation
 
 if TYPE_CHECKING:
     from dynident.validation.prediction import LogValidation
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 AT_FLOOR = 1.15  # times what the sensors allow: up to here a residual is at the noise floor
 QUANTILE = 1.645  # standard errors that leave 5 % of a normal distribution above

@@ -14,6 +14,7 @@ from dynident.motion.log import Log, Motion, subsample
 from dynident.motion.splines import steady_noise, stretches
 from dynident.regression import BLOCK, EVERYTHING, Selection, fitted_rows
 from dynident.runtime import OMITTED, InputError, Noun, join_names
+from dynident.runtime.arrays import Array
 from dynident.validation.free_run import FreeRun
 from dynident.validation.noise_floor import NoiseFloor, causes_text
 from dynident.validation.residuals import ResidualTest, residual_test
@@ -21,7 +22,6 @@ from dynident.validation.residuals import ResidualTest, residual_test
 if TYPE_CHECKING:
     import polars as pl
 
-Array = NDArray[np.float64]
 # times the noise of all samples, that of every second: white noise has 1, after a first-order low-pass at 0.6 of half
 # the sampling rate 2; the noise of all samples is then half of what it was
 MAX_NOISE_RATIO = 2.0

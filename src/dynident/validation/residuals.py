@@ -13,11 +13,11 @@ from dynident.motion.filters import autocorrelation, ljung_box, welch
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import Fixed, coloured_noise, smooth
 from dynident.runtime import Note, TaggedUnion, join_names, percent
+from dynident.runtime.arrays import Array
 
 if TYPE_CHECKING:
     from dynident.validation.prediction import LogValidation
 
-Array = NDArray[np.float64]
 LOW_FREQUENCY = 5.0  # Hz: rigid-body motion lies below; ripple, elasticity and sensor noise above
 SLOW_SPEED_SHARE = 0.05  # of the rms velocity: below it friction reverses
 

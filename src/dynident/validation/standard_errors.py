@@ -13,8 +13,8 @@ from dynident.motion.splines import stretches
 from dynident.regression import EntryBlock, Regression, TriangularFactors, rank_of
 from dynident.regression.whitening import bandwidth, bartlett
 from dynident.runtime import ModelError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_SCORED_SAMPLES, SCORED_PIECE = 200_000, 20_000  # samples of all logs whose scores are looked at, and of one piece
 
 

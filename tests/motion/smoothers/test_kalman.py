@@ -69,18 +69,6 @@ def test_of_an_unknown_noise_order_three_knows_the_acceleration_of_a_smooth_moti
 
 
 @pytest.mark.parametrize("order", ORDERS)
-@pytest.mark.parametrize("kind", ["noise", "flicker", "constant"])
-def test_a_joint_at_rest_has_no_velocity_and_costs_no_samples(order: Order, kind: str) -> None:
-    rng, q = np.random.default_rng(5), moving()
-    rest = {"noise": 1e-5 * rng.standard_normal(4001), "flicker": 1e-4 * (rng.uniform(size=4001) > 0.7)}
-    both = KalmanSmoother(order)(log(np.column_stack([0.4 + rest.get(kind, np.zeros(4001)), q[:, 1]])))
-    assert np.ptp(both.q[:, 0]) == 0
-    assert not both.dq[:, 0].any()
-    assert not both.ddq[:, 0].any()
-    np.testing.assert_array_equal(both.mask, KalmanSmoother(order)(log(q[:, 1])).mask)
-
-
-@pytest.mark.parametrize("order", ORDERS)
 def test_without_noise_nothing_is_smoothed_away(order: Order) -> None:
     """The likelihood has no bound then: the noise becomes that of rounding, or of what the process cannot follow."""
     made = KalmanSmoother(order)(log(moving(noise=0.0)))

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import savgol_filter
 
 from dynident.motion.smoothers import savitzky_golay as local_polynomials
-from dynident.motion.smoothers.savitzky_golay import fit_polynomials, order_differences, window_spans
+from dynident.motion.smoothers.savitzky_golay import fit_polynomials, order_differences
 
 RNG = np.random.default_rng(0)
 
@@ -77,10 +77,3 @@ def test_noise_makes_two_orders_differ_by_its_known_gain() -> None:
     inside = slice(half, -half)
     assert ddq[inside].var() == pytest.approx(lower * sigma**2, rel=0.05)
     assert dq[inside].var() == pytest.approx(sigma**2 / np.square(m * 0.01).sum(), rel=0.05)
-
-
-def test_a_window_over_a_gap_takes_longer() -> None:
-    t = np.r_[np.arange(50) * 0.1, 20 + np.arange(50) * 0.1]
-    taken = window_spans(t, 5)
-    assert taken[20] == pytest.approx(1.0)
-    assert (taken[45:55] > 10).all()

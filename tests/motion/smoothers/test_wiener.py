@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from dynident.motion.smoothers import Order, posterior_errors, wiener
-from dynident.motion.splines import REML, Fixed, smooth
 from dynident.motion.splines.banded import Grid, System, second_difference
 from dynident.motion.splines.quintic import QuinticSystem
 from dynident.runtime import InputError
@@ -71,18 +70,6 @@ def _banded(t: np.ndarray, y: np.ndarray, order: int, p: float) -> tuple[float, 
     system = System(Grid(np.diff(t)))
     one = system.solve(p, second_difference(y, np.diff(t)), refine=False, trace=True)
     return one.rss + p * one.energy, one.log_det
-
-
-def test_order_two_is_reinschs_spline() -> None:
-    """With lam = r / q at all samples, derivatives too; with nothing known, that of restricted maximum likelihood."""
-    t, y = noisy(500, 2, 0.01, 0.5)
-    fit = wiener(t, y[:, None], 2, NONE, NONE)
-    found = smooth(t, y, REML())
-    lam = fit.sigma[0] ** 2 / fit.intensity[0]
-    assert lam == pytest.approx(found.lam, rel=1e-9)
-    given = smooth(t, y, Fixed(lam=float(lam)))
-    for order, mine in enumerate((fit.values, fit.first_derivative, fit.second_derivative)):
-        np.testing.assert_allclose(mine[:, 0], given.derivative(order), atol=1e-9 * np.abs(mine).max())
 
 
 @pytest.mark.parametrize("order", ORDERS)

@@ -7,7 +7,7 @@ import pytest
 
 from dynident.motion.splines import GCV, REML, Constraint, Fixed, Interpolation, Rule, rule_by_name, smooth
 from dynident.runtime import ConfigError
-from tests.motion.splines.reference import matrices, series
+from tests.motion.splines.reference import series
 
 
 def test_rules_have_names() -> None:
@@ -82,6 +82,7 @@ def test_a_line_is_straight_to_within_rounding_and_no_more(offset: float) -> Non
         assert straight.p == 0
         size = max(1e-9, 100 * np.spacing(offset))
         assert smooth(t, offset + 2 * t + size * noise, rule, sigma=0.5 * size).p > 0
+    assert smooth(t, offset + 2 * t, Constraint(S=1.0), sigma=1e-20).p == 0
 
 
 def test_the_limits_of_a_given_p() -> None:
@@ -113,23 +114,6 @@ def test_reaches_the_constraint_on_long_data(n: int) -> None:
     assert pytest.approx(n, rel=1e-8) == fit.S
 
 
-@pytest.mark.parametrize("rule", [GCV(), REML()])
-def test_criteria_are_minimal(rule: GCV | REML) -> None:
-    """The lam chosen by GCV and REML minimises the criterion computed in dense algebra."""
-    t, y = series(n=120)
-    _, N, Q = matrices(t, np.ones(len(t)))
-
-    def criterion(lam: float) -> float:
-        A = Q.T @ Q + 0.5 / lam * N
-        u = np.linalg.solve(A, Q.T @ y)
-        if isinstance(rule, REML):
-            return len(A) * np.log(y @ Q @ u) + np.linalg.slogdet(A)[1]
-        return np.log(u @ Q.T @ Q @ u) - 2 * np.log(np.trace(Q @ np.linalg.solve(A, Q.T)))
-
-    chosen = float(smooth(t, y, rule).lam)
-    assert criterion(chosen) <= min(criterion(chosen * f) for f in (1e-3, 0.1, 0.8, 0.98, 1.02, 1.25, 10, 1e3))
-
-
 def test_small_samples_and_slow_motion_reach_the_constraint_without_warnings() -> None:
     """Where the noise is nearly all there is, the search must not run away."""
     one = smooth(
@@ -147,9 +131,3 @@ def test_small_samples_and_slow_motion_reach_the_constraint_without_warnings() -
         y = 1e-2 * np.sin(0.3 * t) + 1e-3 * rng.standard_normal(4000)
         fit = smooth(t, y, sigma=1e-3 * rng.uniform(0.7, 0.99))
         assert pytest.approx(4000, rel=1e-8) == fit.S or fit.p == 0
-
-
-@pytest.mark.parametrize("offset", [0.0, 1e3])
-def test_rounding_of_a_line_is_not_followed_however_small_sigma_is(offset: float) -> None:
-    t = np.arange(300) * 0.01
-    assert smooth(t, offset + 2 * t, Constraint(S=1.0), sigma=1e-20).p == 0

@@ -66,7 +66,7 @@ def test_an_end_that_is_lower_than_any_valley_is_kept() -> None:
 
 @pytest.mark.parametrize("rule", [GCV(), REML()], ids=repr)
 def test_the_least_criterion_is_found_to_many_digits(rule: GCV | REML) -> None:
-    """The slope of the criterion, in dense algebra, changes its sign within 1e-5 of the p found."""
+    """The slope of the criterion, in dense algebra, changes its sign within 1e-5 of the p found, and nowhere else."""
     t, y = series(n=100)
     _, N, Q = matrices(t, np.ones(len(t)))
     _, s, v = np.linalg.svd(np.linalg.cholesky(N).T @ np.linalg.inv(np.linalg.cholesky(Q.T @ Q).T))
@@ -82,7 +82,9 @@ def test_the_least_criterion_is_found_to_many_digits(rule: GCV | REML) -> None:
         )
 
     p = float(smooth(t, y, rule).p)
-    assert slope(p * (1 - 1e-5)) < 0 < slope(p * (1 + 1e-5))
+    assert (
+        max(slope(p * x) for x in (1e-3, 0.1, 0.8, 1 - 1e-5)) < 0 < min(slope(p * x) for x in (1 + 1e-5, 1.25, 10, 1e3))
+    )
 
 
 def test_an_error_of_one_search_is_its_own() -> None:

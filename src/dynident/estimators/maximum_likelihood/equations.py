@@ -14,8 +14,8 @@ from dynident.estimators.maximum_likelihood.trajectory import Arrow, TrajectoryB
 from dynident.models import Model, Partials
 from dynident.models.structure import select_independent
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Moves = Sequence[tuple[Array, Array]]  # of C and W, by segment
 DIFFERENCE_STEP = 1e-6  # of a state, for differences of the regressor
 MIN_EFFECT = 1e-6  # fall of the cost for a change by its own size, or by 1, below which a parameter has no effect

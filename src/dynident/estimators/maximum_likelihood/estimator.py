@@ -42,8 +42,8 @@ from dynident.motion.log import Log
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import Rank, rank_of
 from dynident.runtime import InputError, ModelError, Note
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 BARRIER_WEIGHT = 1e-3  # of the barrier that keeps inertia and friction physical, in half squared standard deviations
 TOLERANCE = 1e-5  # expected decrease of the cost that ends the iteration, in the same unit
 MIN_PRIOR_EIGENVALUE = 0.01  # least eigenvalue of a prior, relative to its diagonal

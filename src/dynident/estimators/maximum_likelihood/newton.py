@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators.maximum_likelihood.equations import (
     Equations,
@@ -21,8 +20,8 @@ from dynident.estimators.maximum_likelihood.equations import (
 from dynident.estimators.maximum_likelihood.segment import Segment, State
 from dynident.estimators.maximum_likelihood.trajectory import Arrow
 from dynident.runtime import ModelError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MIN_RELATIVE_INFORMATION = 1e-12  # relative information below which a direction counts as not excited
 MIN_CURVATURE_RATIO = 0.02  # least eigenvalue of Newton's matrix, relative to that of Gauss and Newton's, to trust it
 HESSIAN_REUSE_DECREMENT = 0.01  # expected fall of the cost below which second derivatives are kept from step to step

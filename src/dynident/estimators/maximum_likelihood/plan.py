@@ -18,8 +18,8 @@ from dynident.motion.log import Log, Motion
 from dynident.motion.splines import NORMAL_95, median_sigma, steady_noise, stretches
 from dynident.regression import fitted_rows
 from dynident.runtime import InputError, Note, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MIN_NOISE = {"q": 1e-7, "tau": 1e-4}  # least noise, relative to the largest value: the spline is hardly more exact
 MIN_SAMPLES = 20  # samples of a recording
 

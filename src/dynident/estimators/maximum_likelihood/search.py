@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators.barrier import Barrier
 from dynident.estimators.maximum_likelihood.equations import Hypothesis, Likelihood, RegressorColumns, leverage, scores
@@ -24,8 +23,8 @@ from dynident.estimators.maximum_likelihood.segment import Segment, Sigma, State
 from dynident.models import Model
 from dynident.motion.splines import median_sigma
 from dynident.runtime import ModelError, Noun, Step, report_progress
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 SPACINGS = (80.0, 40.0, 20.0, 10.0, 5.0, 2.5, 1.25)  # of the knots, in samples
 MIN_INTERVALS = 4  # intervals of a recording: the residuals of fewer are too few to tell whether they are white
 MIN_WHITENESS_SPACING = 4.0  # spacing, in samples, below which a spline makes any residual look white

@@ -12,8 +12,8 @@ from dynident.estimators.maximum_likelihood.trajectory import Arrow, Basis, Spli
 from dynident.models import Model
 from dynident.motion.log import Log, Motion
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 GAUSS_POINTS = 8  # of Gauss's rule, for the samples of one interval
 CACHED_RULES, MAX_CACHED_SAMPLES = 8, 10_000  # rules kept for other recordings, and samples of one that is too large
 MAX_POLYNOMIAL_RESIDUAL = 0.03  # standard deviations of a sample: torques this close to a polynomial count as one

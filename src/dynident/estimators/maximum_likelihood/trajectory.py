@@ -14,11 +14,11 @@ from scipy.linalg.lapack import dpbtrf, dpbtrs, dtbtrs
 
 from dynident.motion.splines.quintic import local_basis
 from dynident.runtime import ModelError, Noun
+from dynident.runtime.arrays import Array
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 JITTER = (0.0, 1e-13, 1e-10)  # added to the unit diagonal where rounding makes the factorisation fail
 

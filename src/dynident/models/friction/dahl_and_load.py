@@ -9,15 +9,14 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Gt
-from numpy.typing import NDArray
 
 from dynident.models.friction.dry_friction import WIDTH, DryFriction
 from dynident.models.friction.joint_term import Constant, JointTerm, PerJoint, Viscous
 from dynident.models.friction.joint_torques import Ripple
 from dynident.models.term import Equation, Joint, Past
 from dynident.motion.smoothers import BY_JOINT
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Length = Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]], BY_JOINT]
 LENGTH = Constant("a length above 0, in rad or m", unit="{unit}")
 

@@ -14,8 +14,8 @@ from dynident.models.friction.joint_term import Constant, PerJoint, Speed
 from dynident.models.term import Joint
 from dynident.motion.smoothers import BY_JOINT
 from dynident.runtime import ModelError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Width = Annotated[Annotated[float, Ge(0)] | Mapping[str, Annotated[float, Ge(0)]], BY_JOINT]
 WIDTH = Constant("a velocity of 0 or more, in rad/s or m/s", low=1e-300, high=1e300, zero=True)
 

@@ -17,6 +17,7 @@ from dynident.models.friction.law import LAW_FUNCTIONS, differentiate_law, evalu
 from dynident.models.term import FUNCTIONS, Equation, Joint, Parameter, Partials, Past, Term, check_joints
 from dynident.motion.smoothers import BY_JOINT
 from dynident.runtime import ModelError, choices
+from dynident.runtime.arrays import Array
 
 MIN_VELOCITY, MAX_VELOCITY = 1e-9, 1e9  # rad/s, m/s: of shape constants
 Number = Annotated[float | Mapping[str, float], BY_JOINT]
@@ -24,7 +25,6 @@ Speed = Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]
 
 CONSTANT_LAW = "dq**0"  # one at any velocity
 
-Array = NDArray[np.float64]
 Slopes = tuple[Array | None, Array | None, Array | None]  # by q, dq, ddq; None: zero
 
 
@@ -83,14 +83,12 @@ class JointTerm(Term):
         self._check_on()
         for name, allowed in self.constants.items():
             object.__setattr__(self, name, self._check_constant(name, getattr(self, name), allowed))
-        count, on = len(self._columns), self.acts_on
+        count, on, term = len(self._columns), self.acts_on, type(self).__name__
         owners = "joints" if count == len(on) else "parameters of joints"
         for name in ("names", "expressions", "values"):
             setting = getattr(self, name)
             if setting is not None and len(setting) != count:
-                raise ModelError(
-                    f"{type(self).__name__}: {len(setting)} {name} for {count} {owners} ({', '.join(on)})."
-                )
+                raise ModelError(f"{term}: {len(setting)} {name} for {count} {owners} ({', '.join(on)}).")
 
     def _check_on(self) -> None:
         joint_names = [joint.name for joint in self.joints]
@@ -114,10 +112,8 @@ class JointTerm(Term):
         for joint in self.acts_on:
             if joint not in pairs:
                 raise ModelError(f"{where} lacks joint {joint!r}; give it for {', '.join(self.acts_on)}.")
-        return tuple(
-            (joint_name, _check_numbers(pairs[joint_name], f"{where} of joint {joint_name!r}", allowed))
-            for joint_name in self.acts_on
-        )
+        places = {joint: f"{where} of joint {joint!r}" for joint in self.acts_on}
+        return tuple((joint, _check_numbers(pairs[joint], place, allowed)) for joint, place in places.items())
 
     @property
     def acts_on(self) -> tuple[str, ...]:
@@ -131,11 +127,10 @@ class JointTerm(Term):
 
     def by_column(self, name: str) -> Array:
         """Return a shape constant (p), a single number for each joint, at the joint of each parameter."""
-        if name not in self._constants_by_column:
-            self._constants_by_column[name] = np.array(
-                [self.constant(name, self.joints[j].name) for j in self._columns], dtype=float
-            )
-        return self._constants_by_column[name]
+        columns = self._constants_by_column
+        if name not in columns:
+            columns[name] = np.array([self.constant(name, self.joints[j].name) for j in self._columns], dtype=float)
+        return columns[name]
 
     @cached_property
     def _constants_by_column(self) -> dict[str, Array]:
@@ -148,18 +143,21 @@ class JointTerm(Term):
         return replace(self, on=(joint,), names=None, expressions=None, values=None, **constants)
 
     @cached_property
+    def _own_joints(self) -> list[Joint]:
+        """The joints that the term acts on, in the order of ``on``."""
+        joints_by_name = {joint.name: joint for joint in self.joints}
+        return [joints_by_name[name] for name in self.acts_on]
+
+    @cached_property
     def _columns(self) -> list[int]:
         """Index of the joint that each parameter acts on."""
-        place = {joint.name: j for j, joint in enumerate(self.joints)}
-        return [place[name] for name in self.acts_on for _ in range(self.count(self.joints[place[name]]))]
+        return [self.joints.index(joint) for joint in self._own_joints for _ in range(self.count(joint))]
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters of each joint in ``on``, in that order."""
-        kinds = {joint.name: joint for joint in self.joints}
-        descriptions = [
-            description for name in self.acts_on for description in self.for_joint(name).described(kinds[name])
-        ]
+        own_terms = ((joint, self.for_joint(joint.name)) for joint in self._own_joints)
+        descriptions = [description for joint, term in own_terms for description in term.described(joint)]
         names, units, expressions = ([description[k] for description in descriptions] for k in range(3))
         values = self.values or (None,) * len(descriptions)
         roles = (self.role,) * len(descriptions)
@@ -190,15 +188,13 @@ class JointTerm(Term):
 
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array, *memory: Array) -> Partials:
         """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n)."""
-        joints, diagonal = self._columns, range(q.shape[1])
-        zero, derivatives = np.zeros((*q.shape, q.shape[1])), []
+        joints, diagonal, matrices = self._columns, range(q.shape[1]), np.zeros((3, *q.shape, q.shape[1]))
         # a torque depends on its own joint only: the derivatives are diagonal
-        for slope in self.slopes(q[:, joints], dq[:, joints], ddq[:, joints], *memory):
+        slopes = self.slopes(q[:, joints], dq[:, joints], ddq[:, joints], *memory)
+        for matrix, slope in zip(matrices, slopes, strict=True):
             if slope is not None:
-                matrix = np.zeros(zero.shape)
                 matrix[:, diagonal, diagonal] = self._sum_by_joint(slope * theta)
-            derivatives.append(zero if slope is None else matrix)
-        return Partials(*derivatives)
+        return Partials(*matrices)
 
     def weighted_gradient(self, q: Array, dq: Array, ddq: Array, weights: Array, *memory: Array) -> Array:
         """Return the derivatives (3, N, n) by q, dq and ddq of the sums <G_i, Y_i> for weights G (N, n, p)."""
@@ -220,17 +216,14 @@ class JointTerm(Term):
     @property
     def equations(self) -> tuple[Equation, ...]:
         """The equation of each joint in ``on``; none where a subclass overrides the torque alone."""
-        joints_by_name = {joint.name: joint for joint in self.joints}
         equations, start = [], 0
-        for name in self.acts_on:
-            equation = self.equation(joints_by_name[name])
+        for joint in self._own_joints:
+            equation = self.equation(joint)
             if equation is None:
                 return ()
-            parameters = self.parameters[start : start + len(equation.symbols)]
+            names = tuple(parameter.name for parameter in self.parameters[start : start + len(equation.symbols)])
             start += len(equation.symbols)
-            equations.append(
-                replace(equation, parameters=tuple(parameter.name for parameter in parameters), on=((name, 1.0),))
-            )
+            equations.append(replace(equation, parameters=names, on=((joint.name, 1.0),)))
         return tuple(equations)
 
     def equation(self, joint: Joint) -> Equation | None:  # noqa: ARG002
@@ -357,8 +350,7 @@ class PerJoint(JointTerm):
 
     def meaning(self) -> str:
         """Return the meaning of the parameter, of a term on one joint."""
-        (joint,) = (joint for joint in self.joints if joint.name == self.acts_on[0])
-        return self._format(self.words, joint)
+        return self._format(self.words, self._own_joints[0])
 
     def _format(self, text: str, joint: Joint) -> str:
         constants = {name: self.constant(name, joint.name) for name in self.constants}

@@ -10,14 +10,12 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
-from numpy.typing import NDArray
 
 from dynident.models.friction.joint_term import CONSTANT_LAW, Constant, JointTerm, Number, PerJoint
 from dynident.models.term import Equation, Joint, Past
 from dynident.motion.smoothers import BY_JOINT
 from dynident.runtime import ModelError
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from types import CodeType, MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
+
 IMAGINARY_STEP = 1e-80  # its square is beyond the digits of any velocity that counts
 _NAME = re.compile(r"\b[A-Za-z_]\w*")
 

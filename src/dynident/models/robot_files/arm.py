@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.models.inertia import change_frame
 from dynident.models.robot_files.xml import (
@@ -22,8 +21,8 @@ from dynident.models.robot_files.xml import (
     rotation,
 )
 from dynident.runtime import ModelError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_JOINTS = 500  # that move: the regressor of more needs gigabytes for a block of samples
 
 

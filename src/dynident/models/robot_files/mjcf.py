@@ -12,7 +12,6 @@ from typing import Any, Literal
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.models.inertia import change_frame
 from dynident.models.robot_files.mjcf_compile import (
@@ -39,8 +38,8 @@ from dynident.models.robot_files.xml import (
     placement,
 )
 from dynident.runtime import ModelError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 JOINT_TYPES = ("free", "ball", "slide", "hinge")  # in MuJoCo's order, as those below
 KINDS: dict[str, Literal["revolute", "prismatic"]] = {"hinge": "revolute", "slide": "prismatic"}
 EQUALITIES = ("connect", "weld", "joint", "tendon", "flex", "flexvert", "flexstrain", "distance")

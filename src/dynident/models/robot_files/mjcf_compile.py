@@ -13,13 +13,12 @@ from warnings import catch_warnings
 from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.models.inertia import from_physical
 from dynident.models.robot_files.xml import MAX_NUMBER, Shape, ShapeKind, check_unique, exact_angle, placement
 from dynident.runtime import ModelError, Noun, install_command
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 WORLD = "world"
 UNNAMED = "body {}"  # the name of a body that has none, by its place in the file
 SECTIONS = ("compiler", "option", "default", "asset", "worldbody", "equality", "tendon")  # of which an arm is made

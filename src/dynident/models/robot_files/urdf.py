@@ -12,7 +12,6 @@ from typing import Literal
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.models.inertia import from_physical
 from dynident.models.robot_files.xml import (
@@ -32,8 +31,8 @@ from dynident.models.robot_files.xml import (
     unit_vector,
 )
 from dynident.runtime import ModelError, choices
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 JointKind = Literal["fixed", "revolute", "prismatic"]
 WORLD = "world"
 KINDS: dict[str, JointKind] = {

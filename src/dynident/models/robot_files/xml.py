@@ -11,11 +11,10 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.runtime import ModelError, Noun, choices
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_NUMBER = 1e30  # larger than any length, mass or angle of a robot; squares of larger numbers overflow
 ANGLE_STEP, RIGHT_ANGLE = np.pi / 12, np.pi / 2  # 15 and 90 degrees
 MIN_NOTED_CHANGE = 1e-8  # rad: an angle that is changed by more than this is named in the notes

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.models.simulation.steps import ScalarLaw
 from dynident.models.simulation.trace import (
@@ -24,8 +24,7 @@ from dynident.models.simulation.trace import (
 )
 from dynident.motion.log import Controller, HasState
 from dynident.runtime import ConfigError, InputError, ModelError, Noun
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 
 @runtime_checkable
@@ -351,18 +350,14 @@ class DifferencingLoop(Noun, LoopWrapper):
         rate = (inputs.dq + history.reshape(rows, -1, n).sum(axis=1)) / self.steps
         loop_slopes = controller_slopes(self.loop, replace(inputs, dq=rate, state=inner))
         # dq and each remembered difference have an equal share of the velocity
+        shared_slopes = ((by_q, by_dq / self.steps, by_z) for by_q, by_dq, by_z in (loop_slopes.tau, loop_slopes.state))
         tau, inner_state = (
-            (
-                by_q,
-                by_dq / self.steps,
-                np.concatenate((np.tile(by_dq / self.steps, (1, 1, self.steps - 1)), by_z), axis=2),
-            )
-            for by_q, by_dq, by_z in (loop_slopes.tau, loop_slopes.state)
+            (by_q, share, np.concatenate((np.tile(share, (1, 1, self.steps - 1)), by_z), axis=2))
+            for by_q, share, by_z in shared_slopes
         )
         # the differences move on by one step: dq comes first, and the oldest is forgotten
-        shift = np.broadcast_to(np.eye(count, n + count + inner.shape[1]), (rows, count, n + count + inner.shape[1]))
-        by_q, by_dq, by_z = (
-            np.concatenate((a, b), axis=1)
-            for a, b in zip((np.zeros((rows, count, n)), shift[..., :n], shift[..., n:]), inner_state, strict=True)
-        )
+        width = n + count + inner.shape[1]
+        shift = np.broadcast_to(np.eye(count, width), (rows, count, width))
+        history_slopes = np.zeros((rows, count, n)), shift[..., :n], shift[..., n:]
+        by_q, by_dq, by_z = (np.concatenate(pair, axis=1) for pair in zip(history_slopes, inner_state, strict=True))
         return ControllerSlopes(tau, (by_q, by_dq, by_z))

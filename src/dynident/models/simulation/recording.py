@@ -6,14 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.models.evaluation import motion_memory
 from dynident.models.model import Model
 from dynident.motion.log import Log, Motion
 from dynident.runtime import ConfigError, InputError, ModelError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Torque = Callable[[float], ArrayLike]
 DIFFERENCE_STEP = 1e-7  # s, over which a memory is differentiated by time
 MIN_MEMORY_TOLERANCE = 1e-9  # least tolerance with a memory, whose derivatives are rounded to this
@@ -209,9 +209,8 @@ class _System:
         memories = []
         for t0, x, v, a, start in zip(t, q, dq, ddq, start_memory, strict=True):
             positions = x + np.outer(s, v) + np.outer(0.5 * s**2, a)
-            memories.append(
-                motion_memory(self.model, t0 + s, positions, v + np.outer(s, a), np.tile(a, (len(s), 1)), start)
-            )
+            velocities, accelerations = v + np.outer(s, a), np.tile(a, (len(s), 1))
+            memories.append(motion_memory(self.model, t0 + s, positions, velocities, accelerations, start))
         return np.array(memories)
 
 
@@ -225,24 +224,14 @@ def _integrate(system: _System, start: Array, t: Array, tolerance: float) -> Arr
     step_tolerance = max(tolerance / np.sqrt(len(start)), 100 * np.finfo(float).eps)
     band = start.shape[1] - 1  # the runs do not depend on each other
     with np.errstate(over="ignore", invalid="ignore"):  # a diverging run is reported below
-        solution = solve_ivp(
-            system.slope,
-            (t[0], t[-1]),
-            start.ravel(),
-            method="LSODA",
-            t_eval=t,
-            rtol=step_tolerance,
-            atol=step_tolerance,
-            lband=band,
-            uband=band,
-        )
+        settings = {"rtol": step_tolerance, "atol": step_tolerance, "lband": band, "uband": band}
+        solution = solve_ivp(system.slope, (t[0], t[-1]), start.ravel(), method="LSODA", t_eval=t, **settings)
     if not solution.success:
         reached = solution.t[-1] if len(solution.t) else t[0]
         raise ModelError(
             f"{system.source}: the integration of {system.model.name} stopped after t = {reached} s of {t[-1]} s with "
-            f"status {solution.status}: {solution.message} Check that theta is physical "
-            "(Model.check_mass_matrix) and that "
-            "torque and friction are smooth."
+            f"status {solution.status}: {solution.message} Check that theta is physical (Model.check_mass_matrix) and "
+            "that torque and friction are smooth."
         )
     states: Array = solution.y.T.reshape(len(t), len(start), -1)
     return states
@@ -250,24 +239,13 @@ def _integrate(system: _System, start: Array, t: Array, tolerance: float) -> Arr
 
 def _make_motions(system: _System, states: Array, t: Array) -> list[Motion]:
     tau = np.array([system.applied_torque(instant) for instant in t])
+    joints, smoothing = tuple(joint.name for joint in system.model.joints), {"method": "exact", "integrator": "LSODA"}
     motions = []
     for k, theta in enumerate(system.theta):
         q, dq, start_memory = _split_states(states[:, k], len(system.model.joints))
         ddq, memory = system.accelerations(t, q, dq, tau[:, k], theta, start_memory)
-        motions.append(
-            Motion(
-                t=t,
-                q=q,
-                dq=dq,
-                ddq=ddq,
-                tau=tau[:, k],
-                joints=tuple(joint.name for joint in system.model.joints),
-                mask=np.ones(len(t), dtype=bool),
-                source=system.source,
-                smoothing={"method": "exact", "integrator": "LSODA"},
-                memory=memory,
-            )
-        )
+        states_and_torque, usable = (t, q, dq, ddq, tau[:, k]), np.ones(len(t), dtype=bool)
+        motions.append(Motion(*states_and_torque, joints, usable, system.source, smoothing, memory=memory))
     return motions
 
 

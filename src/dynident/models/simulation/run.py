@@ -12,8 +12,8 @@ from dynident.models.simulation.trace import MAX_POSITION, Broken, Failure, Mach
 from dynident.motion.log import Controller, Motion
 from dynident.motion.splines import stretches
 from dynident.runtime import ConfigError, DynidentError, InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 TIME_TOLERANCE = 0.01  # of a step: times that are as near are the same
 
 
@@ -42,14 +42,12 @@ def ticks(motion: Motion, controller: Controller | None, rows: slice) -> Ticks:
     if not isinstance(controller, HasTimes) or len(controller.t) < 2 or rows.stop - rows.start < 2:
         return unchanged
     logged = motion.t[rows]
-    step = float(np.diff(controller.t).min())
+    tolerance = TIME_TOLERANCE * float(np.diff(controller.t).min())
     # references that the log covers
-    t = controller.t[
-        (controller.t > logged[0] - TIME_TOLERANCE * step) & (controller.t < logged[-1] + TIME_TOLERANCE * step)
-    ]
+    t = controller.t[(controller.t > logged[0] - tolerance) & (controller.t < logged[-1] + tolerance)]
     # each sample of the log must be one of the times of the references
-    at = np.clip(np.searchsorted(t, logged - TIME_TOLERANCE * step), 0, max(len(t) - 1, 0))
-    if len(t) <= len(at) or (np.abs(t[at] - logged) > TIME_TOLERANCE * step).any():
+    at = np.clip(np.searchsorted(t, logged - tolerance), 0, max(len(t) - 1, 0))
+    if len(t) <= len(at) or (np.abs(t[at] - logged) > tolerance).any():
         return unchanged
     q, dq, ddq, tau = (
         np.column_stack([np.interp(t, motion.t, column) for column in columns.T])
@@ -111,19 +109,16 @@ def simulate_recording(
     """
     start = model.remembering(start)
     samples = _split_pieces(start, controller, rows, restart)
-    shape, measured_torque = (samples.size, len(start.joints)), start.tau[samples[0, 0]]
+    t, shape, measured_torque = start.t[samples.ravel()], (samples.size, len(start.joints)), start.tau[samples[0, 0]]
     try:
         with np.errstate(all="ignore"):  # a diverging run is reported below
             trace = integrate(Machine(model, theta), start, samples, controller)
             q, dq, ddq, tau = (array.swapaxes(0, 1).reshape(shape) for array in _take_samples(trace))
     except (DynidentError, np.linalg.LinAlgError) as fault:
         failure: Failure = Broken(str(fault)) if isinstance(fault, DynidentError) else Singular()
-        infinite = np.full(shape, np.inf)
+        states = (np.full(shape, np.inf),) * 3
         tau = start.tau[samples].reshape(shape)
-        return SimulatedRecording(
-            start.joints, samples, start.t[samples.ravel()], infinite, infinite, infinite, tau, measured_torque, failure
-        )
-    t = start.t[samples.ravel()]
+        return SimulatedRecording(start.joints, samples, t, *states, tau, measured_torque, failure)
     diverged = np.flatnonzero(~(np.abs(q.reshape(*samples.shape, -1)) < MAX_POSITION).all(axis=(0, 2)))
     divergence = RunsAway(float(start.t[samples[0, diverged[0]]] - start.t[samples[0, 0]])) if len(diverged) else None
     return SimulatedRecording(start.joints, samples, t, q, dq, ddq, tau, measured_torque, divergence, trace)

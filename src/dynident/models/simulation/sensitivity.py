@@ -9,7 +9,6 @@ of the discrete equations instead of the continuous ones, are in Maly and Petzol
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
@@ -28,8 +27,8 @@ from dynident.models.simulation.trace import (
 )
 from dynident.motion.log import Controller, HasState
 from dynident.runtime import InputError, ModelError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Output = Literal["q", "dq", "tau"]
 AT_ONCE = 1 << 22  # numbers in the matrices that are made together
 
@@ -94,20 +93,14 @@ class _SampleUpdate:
             # the velocity that the controller saw: backward differences of positions
             before = np.vstack((run.q[:1] - gaps[0] * run.dq[:1], run.q[:-1]))
             rate = (run.q - before) / gaps[:, None]
-            self.slopes, self.gaps = (
-                controller_slopes(controller, ControllerInput(run.t, gaps, run.q, rate, states)),
-                gaps[:, None, None],
-            )
+            self.slopes = controller_slopes(controller, ControllerInput(run.t, gaps, run.q, rate, states))
+            self.gaps = gaps[:, None, None]
 
     @property
     def parts(self) -> tuple[slice, slice, slice]:
         """Where q at the last sample, the controller's state, and tau are in the state."""
         n, m = self.n, self.m
         return slice(3 * n, 4 * n), slice(4 * n, 4 * n + m), slice(4 * n + m, None)
-
-    def torque(self, k: slice) -> Array:
-        """Return the derivatives (., n, size) of tau at samples by the state before them."""
-        return self.update(k)[:, self.parts[2]]
 
     def update(self, k: slice) -> Array:
         """Return the derivatives (., size, size) of the state after samples by that before them."""
@@ -158,11 +151,7 @@ class _Steps:
         after = np.diff(trace.dq, axis=0) / trace.h[:, None, None]
         self.before = np.concatenate((np.zeros_like(after[:1]), after))[:-1]  # acceleration of the step before
         self.after = after
-
-    @cached_property
-    def sample(self) -> NDArray[np.intp]:
-        """The last sample (S) before each step."""
-        return np.maximum.accumulate(self.trace.begins)[:-1]
+        self.sample = np.maximum.accumulate(trace.begins)[:-1]  # the last one (S) before each step
 
     def propagate(self, loop: _SampleUpdate, only: Output | None) -> list[Array]:
         """Return the derivatives of q, dq and tau (B, K, n, k + 2 n) at the samples, empty where not asked for."""
@@ -195,7 +184,7 @@ class _Steps:
             if array.shape[3]:
                 array[:, samples] = states[:, :, rows].swapaxes(0, 1)
         if loop.controller is not None and out[2].shape[3]:
-            out[2][:, samples] = (loop.torque(samples)[:, None] @ states).swapaxes(0, 1)
+            out[2][:, samples] = (loop.update(samples)[:, None, loop.parts[2]] @ states).swapaxes(0, 1)
 
     def linearise(self, part: slice, loop: _SampleUpdate) -> tuple[Array, Array]:
         """Return the derivatives of steps by the states before them and by the directions.

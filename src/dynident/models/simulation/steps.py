@@ -19,8 +19,8 @@ from dynident.models.simulation.trace import (
 )
 from dynident.motion.log import Controller, HasState, Motion
 from dynident.runtime import DynidentError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 ScalarLaw = Callable[[int, float, float, Any], tuple[float, Any]]  # sample, q, dq, state; torque and the next state
 _State = tuple[float, float, float, float, float, Any]  # q, dq, ddq, q at the last sample, tau, state of the controller
 MAX_LOOKAHEAD = 1024  # steps that are taken at most before the model is asked whether it has not changed
@@ -186,7 +186,7 @@ def integrate(machine: Machine, motion: Motion, rows: NDArray[np.intp], controll
     Positions are infinite after a sample at which they are beyond ``MAX_POSITION``.
     """
     machine.begin(motion, rows[:, 0])
-    if len(rows) == len(motion.joints) == 1 and not machine.remembers:
+    if len(rows) == len(motion.joints) == 1 and not machine.model.memory:
         return OneJoint(machine, motion, rows[0], controller).run()
     return integrate_arrays(machine, motion, rows, controller)
 
@@ -223,8 +223,8 @@ class _Drive:
         self._t, self._gaps = t.tolist(), sample_gaps(t).tolist()
         # as if the velocity before the first sample had been constant
         self._before = motion.q[row[0]] - motion.dq[row[0]] * self._gaps[0]
-        self.states = np.zeros((len(row), len(start := initial_state(controller, motion, row))))
-        self._state = start
+        self._state = initial_state(controller, motion, row)
+        self.states = np.zeros((len(row), len(self._state)))
 
     def __call__(self, k: int, q: Array) -> Array:
         """Return the torque (n) from sample k on, at the positions q (n)."""

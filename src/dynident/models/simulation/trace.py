@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -13,15 +12,14 @@ from dynident.models.friction import Offset
 from dynident.models.model import Model
 from dynident.models.motor import RotorInertia
 from dynident.motion.log import Controller, HasState, Motion
-from dynident.runtime import InputError, Noun, TaggedUnion, short
+from dynident.runtime import InputError, Noun, Statement, TaggedUnion, short
+from dynident.runtime.arrays import Array
 
 
-@dataclass(frozen=True)
-class Failure(TaggedUnion):
+class Failure(Statement, TaggedUnion):
     """Base of the reasons for which a free simulation ends early."""
 
 
-@dataclass(frozen=True)
 class RunsAway(Failure):
     """The simulated position diverges ``after`` so many seconds."""
 
@@ -31,7 +29,6 @@ class RunsAway(Failure):
         return f"the simulated position diverges after {short(self.after)} s"
 
 
-@dataclass(frozen=True)
 class Singular(Failure):
     """The mass matrix is singular."""
 
@@ -39,7 +36,6 @@ class Singular(Failure):
         return "the mass matrix is singular"
 
 
-@dataclass(frozen=True)
 class Broken(Failure):
     """The model cannot be evaluated, for a ``reason`` (the error's message)."""
 
@@ -49,7 +45,6 @@ class Broken(Failure):
         return self.reason
 
 
-Array = NDArray[np.float64]
 STEP = 1e-3  # s, the longest step of the integration
 # steps of a drive between two samples, and how far they may be from a whole number
 MAX_DRIVE_STEPS, PERIOD_TOLERANCE = 1000, 0.02
@@ -233,11 +228,6 @@ class Machine:
         """Start from samples of a motion, with what it remembers there."""
         if motion.memory is not None and self.model.memory:
             self._path.begin(motion, rows)
-
-    @property
-    def remembers(self) -> bool:
-        """Whether the model does."""
-        return bool(self.model.memory)
 
     def mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:
         """Return M (B, n, n) and b (B, n), both without the friction that is separated, for q and dq (B, n)."""

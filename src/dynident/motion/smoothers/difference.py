@@ -13,8 +13,7 @@ from dynident.motion.filters import butterworth, slowest_pole, zero_phase
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers.smoother import Smoother, ends_mask, make_motion
 from dynident.runtime import InputError, settings_text
-
-Array = NDArray[np.float64]
+from dynident.runtime.arrays import Array
 
 
 def forward_difference(t: Array, x: Array) -> Array:

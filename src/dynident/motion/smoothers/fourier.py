@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dynident.motion.filters import autocorrelation, ljung_box
 from dynident.motion.log import Log, Motion
+from dynident.motion.smoothers.harmonics import periods_in
 from dynident.motion.smoothers.periodic_fit import (
     MAX_HARMONICS,
     Period,
@@ -20,7 +21,6 @@ from dynident.motion.smoothers.periodic_fit import (
     fit_periodic,
     likely_periods,
     misfit,
-    periods_in,
     scatter,
 )
 from dynident.motion.smoothers.smoother import (
@@ -34,8 +34,8 @@ from dynident.motion.smoothers.smoother import (
 )
 from dynident.motion.smoothers.spline import Spline
 from dynident.runtime import InputError, MissingInputError, settings_text
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Count = Annotated[int, Ge(0), Le(MAX_HARMONICS)]
 Seconds = Annotated[float, Ge(0)]
 MIN_MOTION_RATIO = 20.0  # times the noise (rms) from which on a joint counts as moving
@@ -129,9 +129,8 @@ class FourierSeries(Smoother):
     def _fit(self, log: Log) -> PeriodicFit:
         rows, joint_harmonics = self._settled_rows(log), self.by_joint("harmonics", log)
         t, q, sigma = log.t[rows], log.q[rows], position_noise(log)
-        request = PeriodicFitRequest(
-            joint_harmonics, self.settle is not None, q.std(axis=0) > MIN_MOTION_RATIO * sigma, sigma
-        )
+        moves = (q - q[0]).std(axis=0) > MIN_MOTION_RATIO * sigma  # of a constant that is exactly zero
+        request = PeriodicFitRequest(joint_harmonics, self.settle is not None, moves, sigma)
         period = self._likely_period(log, t, q, request.moves) if self.period is None else Period(self.period, 0.0)
         step = float(np.median(np.diff(t)))
         if not period.value > MIN_SAMPLES_PER_PERIOD * step:
@@ -193,9 +192,8 @@ class FourierSeries(Smoother):
         candidates = likely_periods(t, q[:, request.moves])
         hint = f"the motion is most like itself after {candidates[0]:.6g} s. " if candidates else ""
         raise MissingInputError(
-            f"{log.source}: the period of {period:.6g} s does not fit: {description}; {hint}Correct `period`, "
-            "or leave it out "
-            "to have it found."
+            f"{log.source}: the period of {period:.6g} s does not fit: {description}; {hint}Correct `period`, or leave "
+            "it out to have it found."
         )
 
     def __str__(self) -> str:

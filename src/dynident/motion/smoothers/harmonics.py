@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 BLOCK_ROWS = 2048  # summed at once
 MIN_PIVOT_RATIO = 1e-5  # times the largest pivot
@@ -227,13 +227,17 @@ def spectrum(x: Array, lines: int) -> Array:
     return np.asarray(uniform_filter1d(power, min(max(lines, 1), len(power)), axis=0, mode="mirror"))
 
 
+def periods_in(t: Array, period: float) -> float:
+    """Return how many periods samples at times t (N) last."""
+    return float(t[-1] - t[0]) / period * len(t) / (len(t) - 1)
+
+
 def noise_power(t: Array, residual: Array, period: float, harmonics: int) -> Array:
     """Return the mean |c_k|^2 (harmonics + 1, k) that noise gives to the harmonics, from the ``residual`` (N, k).
 
     Between its harmonics, a motion that repeats has nothing but noise.
     """
-    count = len(t)
-    periods = (t[-1] - t[0]) / period * count / (count - 1)
+    count, periods = len(t), periods_in(t, period)
     lines = max(MIN_LINES, round(periods))
     power = spectrum(residual, lines)
     at = np.minimum(np.round(np.arange(harmonics + 1) * periods).astype(int), len(power) - 1)
@@ -248,16 +252,13 @@ def highest_harmonic(t: Array, residual: Array, period: float, limit: int, floor
     from scipy.fft import rfft
     from scipy.ndimage import median_filter
 
-    count = len(t)
-    periods = (t[-1] - t[0]) / period * count / (count - 1)
+    count, periods = len(t), periods_in(t, period)
     power = np.square(np.abs(rfft(residual - residual.mean(axis=0), axis=0)))
     # the median of exponentially distributed power is log 2 times its mean
     background = median_filter(power, (8 * MIN_LINES + 1, 1), mode="mirror") / np.log(2.0)
     at = np.minimum(np.round(np.arange(1, limit + 1) * periods).astype(int), len(power) - 1)
-    stands_out = (power[at] > MIN_LINE_RATIO * np.log(count) * np.maximum(background[at], floor * count**2 / 4)).any(
-        axis=1
-    )
-    return int(np.flatnonzero(stands_out).max(initial=-1)) + 1
+    level = MIN_LINE_RATIO * np.log(count) * np.maximum(background[at], floor * count**2 / 4)
+    return int(np.flatnonzero((power[at] > level).any(axis=1)).max(initial=-1)) + 1
 
 
 def noise_correction(periods: float) -> float:

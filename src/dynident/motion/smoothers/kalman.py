@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import exp, inf, isfinite, log, log2, nan
 from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt
-from numpy.typing import NDArray
 
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, ends_mask, make_motion, with_rest
@@ -20,8 +19,8 @@ from dynident.motion.splines.search import SplineSearch, likelihood_criterion, r
 from dynident.motion.splines.series import CHUNK_SAMPLES, ScaledSeries
 from dynident.motion.splines.spline import prepare_data
 from dynident.runtime import ConfigError, InputError, Noun, setting_text, settings_text
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Order = Literal[2, 3]
 OptionalValues = Sequence[float | None]
 # bandwidths in samples between which that of the largest likelihood is sought
@@ -66,26 +65,15 @@ def wiener(
     if len(t) <= order:
         raise InputError(f"an integrated Wiener process of order {order} needs {order + 1} samples, got {len(t)}.")
     names = [f"column {k}" for k in range(y.shape[1])] if names is None else names
-    values, first_derivative, second_derivative, ratio, penalised_rss = (_fit_cubic if order == 2 else _fit_quintic)(
-        t, y, sigma, intensity, names
-    )
+    fit = _fit_cubic if order == 2 else _fit_quintic
+    values, first_derivative, second_derivative, ratio, penalised_rss = fit(t, y, sigma, intensity, names)
     # the rounding of the data bounds the noise from below
-    residual_sigma = np.maximum(
-        np.sqrt(penalised_rss / (len(t) - order)), np.maximum(4 * EPS * np.abs(y).max(axis=0), 1e-100)
-    )
-    noise = np.array(
-        [estimate if known is None else known for estimate, known in zip(residual_sigma, sigma, strict=True)]
-    )
-    step = float(t[-1] - t[0]) / (len(t) - 1)
-    return WienerFit(
-        values,
-        first_derivative,
-        second_derivative,
-        noise,
-        residual_sigma,
-        noise**2 / ratio,
-        (ratio * step) ** (0.5 / order),
-    )
+    rounding = np.maximum(4 * EPS * np.abs(y).max(axis=0), 1e-100)
+    residual_sigma = np.maximum(np.sqrt(penalised_rss / (len(t) - order)), rounding)
+    pairs = zip(residual_sigma, sigma, strict=True)
+    noise = np.array([estimate if known is None else known for estimate, known in pairs])
+    bandwidth = (ratio * float(t[-1] - t[0]) / (len(t) - 1)) ** (0.5 / order)
+    return WienerFit(values, first_derivative, second_derivative, noise, residual_sigma, noise**2 / ratio, bandwidth)
 
 
 @dataclass(frozen=True)
@@ -213,11 +201,8 @@ class _Criterion:
         except IllConditionedError:
             return inf
         size = self.system.size
-        fit = (
-            log(max(solution.penalised_rss, TINY))
-            if self._sigma is None
-            else solution.penalised_rss / (self._sigma**2 * size)
-        )
+        rss = solution.penalised_rss
+        fit = log(max(rss, TINY)) if self._sigma is None else rss / (self._sigma**2 * size)
         return fit + solution.log_det / size
 
 
@@ -369,10 +354,6 @@ class KalmanSmoother(Smoother):
         """
         sigma, intensity = (np.array(motion.smoothing[name]) for name in ("sigma", "intensity"))
         return posterior_errors(motion.t, self.order, sigma, intensity)
-
-    def with_noise(self, sigma: Mapping[str, float]) -> KalmanSmoother:
-        """Return the smoother with the noise by joint where it would estimate it."""
-        return replace(self, sigma=sigma) if self.sigma is None else self
 
     def as_used(self, motion: Motion) -> KalmanSmoother:
         """Return the smoother with the noise and the intensity, for each joint, that it has used for a motion."""

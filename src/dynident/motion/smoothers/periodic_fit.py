@@ -17,13 +17,14 @@ from dynident.motion.smoothers.harmonics import (
     highest_harmonic,
     noise_correction,
     noise_power,
+    periods_in,
     spectrum,
 )
 from dynident.motion.smoothers.smoother import least_step
 from dynident.motion.splines import noise_sigma
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 GRID_SAMPLES = 4096  # samples on which periods are looked for
 MAX_LAG_DIFFERENCE = 0.3  # of the variance: two stretches that differ by less may be two periods
 MAX_LAG_SHARE = 0.55  # of a log: two periods, and what a lag may be wrong by
@@ -70,11 +71,8 @@ def likely_periods(t: Array, q: Array) -> list[float]:
         return []
     best = min(candidates)[1]
     # a lag of several periods is like one of a single period: try the divisors of the best candidate, too
-    candidates += [
-        (_remaining_power(grid, y, best / k), best / k)
-        for k in range(2, MAX_DIVISOR)
-        if best / k > MIN_PERIOD_STEPS * step
-    ]
+    divisors = (best / k for k in range(2, MAX_DIVISOR) if best / k > MIN_PERIOD_STEPS * step)
+    candidates += [(_remaining_power(grid, y, period), period) for period in divisors]
     least_remainder = min(remainder for remainder, _ in candidates)
     shortest = min(period for remainder, period in candidates if remainder <= MAX_REMAINDER_RATIO * least_remainder)
     return [shortest, *(period for _, period in sorted(candidates) if period != shortest)]
@@ -144,7 +142,7 @@ def _newton_period(t: Array, q: Array, period: float, harmonics: int, noise: Arr
         residual = (q - value) / noise
         sensitivity = (t - series.middle)[:, None] * slope / noise
         # the series follows a part of the change of period, which does not count
-        sensitivity -= _refit(t, sensitivity, series)
+        sensitivity -= fit_series(t, sensitivity, period, harmonics)(t, 0)[0]
         size = float(np.square(sensitivity).sum())
         if not size > 0:
             break
@@ -154,10 +152,6 @@ def _newton_period(t: Array, q: Array, period: float, harmonics: int, noise: Arr
         if abs(change) * period <= 1e-3 * std or abs(change) < 1e-13:
             break
     return Period(float(period), float(std))
-
-
-def _refit(t: Array, x: Array, series: HarmonicSeries) -> Array:
-    return np.asarray(fit_series(t, x, series.period, len(series.coefficients) - 1)(t, 0)[0])
 
 
 def _product_variance(t: Array, sensitivity: Array, residual: Array, period: float) -> float:
@@ -208,11 +202,6 @@ class PeriodicFit(Noun):
     residual: Array
 
 
-def periods_in(t: Array, period: float) -> float:
-    """Return how many periods samples at times t (N) last."""
-    return float(t[-1] - t[0]) / period * len(t) / (len(t) - 1)
-
-
 def fit_periodic(log: Log, rows: slice, period: Period, request: PeriodicFitRequest) -> PeriodicFit:
     """Return the fit of the ``rows`` without transients at their ends; a ``period`` with an error is refined.
 
@@ -252,9 +241,8 @@ def _fit_joint_series(log: Log, rows: slice, period: Period, request: PeriodicFi
     max_given = max((number for number in requested if number is not None), default=0)
     if max_given > limit:
         raise InputError(
-            f"{log.source}: {max_given} harmonics of {period.value:.4g} s are too many for {samples:.4g} "
-            "samples a period, "
-            f"{len(t)} in all; give at most {limit}, or leave them out."
+            f"{log.source}: {max_given} harmonics of {period.value:.4g} s are too many for {samples:.4g} samples a "
+            f"period, {len(t)} in all; give at most {limit}, or leave them out."
         )
     harmonics = np.array([number or 0 for number in requested], dtype=np.intp)
     free = np.array([number is None for number in requested])
@@ -339,11 +327,9 @@ def misfit(t: Array, fit: PeriodicFit, request: PeriodicFitRequest) -> tuple[Arr
     beyond = np.maximum(power - np.square(request.sigma), 0.0) * 2.0 / len(t)
     excess = np.maximum(np.square(fit.residual).mean(axis=0) - np.square(request.sigma), 0.0)
     acceleration_excess = (turn[:, None] ** 4 * beyond)[turn <= highest].sum(axis=0)
-    shares = (
-        x / np.maximum(x + size, 1e-300)
-        for x, size in zip((excess, acceleration_excess), _mean_squares(fit.series), strict=True)
-    )
-    return np.sqrt(next(shares)), np.sqrt(next(shares))
+    pairs = zip((excess, acceleration_excess), _mean_squares(fit.series), strict=True)
+    motion_share, acceleration_share = (np.sqrt(x / np.maximum(x + size, 1e-300)) for x, size in pairs)
+    return motion_share, acceleration_share
 
 
 def _mean_squares(series: HarmonicSeries) -> tuple[Array, Array]:

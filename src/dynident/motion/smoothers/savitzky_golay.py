@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, make_motion, with_rest
 from dynident.runtime import ConfigError, InputError, setting_text
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 MAX_WORK_ENTRIES = 2**21  # numbers of the largest work array
 MIN_SWEPT_HALF = 64  # samples on either side, from which on sums that go along with the window are faster
@@ -247,7 +247,10 @@ class SavitzkyGolay(Smoother):
         step = float(np.median(np.diff(log.t)))
         windows = [np.inf if rests else 2 * half * step for half, rests in zip(halves, still, strict=True)]
         smoothing = {"method": self.method, "window": tuple(windows), "noise": tuple(noise.tolist())}
-        mask = self._mask(log, max((half for half, rests in zip(halves, still, strict=True) if not rests), default=1))
+        widest = max((half for half, rests in zip(halves, still, strict=True) if not rests), default=1)
+        mask = _has_full_window(log.t, widest)
+        if not mask.any():
+            raise InputError(f"{log.source}: every window of {2 * widest + 1} samples has a gap in it; smooth less.")
         return make_motion(log, motion, mask, smoothing)
 
     def as_used(self, motion: Motion) -> SavitzkyGolay:
@@ -263,10 +266,8 @@ class SavitzkyGolay(Smoother):
             out[:, :, joints] = channels
             inner = _has_full_window(log.t, half)
             # where no window is free of gaps, the noise is taken from all samples
-            residual_power = np.square(log.q[:, joints] - channels[0])[inner if inner.any() else slice(None)].mean(
-                axis=0
-            )
-            noise[joints] = np.sqrt(residual_power / max(1.0 - trace / len(log), 1e-3))
+            residual = (log.q[:, joints] - channels[0])[inner if inner.any() else slice(None)]
+            noise[joints] = np.sqrt(np.square(residual).mean(axis=0) / max(1.0 - trace / len(log), 1e-3))
         resting = np.array(halves) == 0
         out[0][:, resting], noise[resting] = 0.0, np.std(log.q[:, resting], axis=0)
         still = at_rest(log.q, out[0], noise) | resting
@@ -281,9 +282,7 @@ class SavitzkyGolay(Smoother):
                 f"{2 * min_half + 1}."
             )
         windows = self.by_joint("window", log)
-        if all(window is not None for window in windows):
-            return [self._half_window(log, float(window or 0.0), min_half) for window in windows]
-        halves = self._choose_halves(log, min_half)
+        halves = self._choose_halves(log, min_half) if None in windows else [0] * len(windows)
         return [
             half if window is None else self._half_window(log, window, min_half)
             for half, window in zip(halves, windows, strict=True)
@@ -335,13 +334,6 @@ class SavitzkyGolay(Smoother):
         widths, squares = (np.array(part) for part in zip(*trials, strict=True))
         best = (widths[_first_minimum(widths, column)] for column in squares.T)
         return [max(round(min(self.factor * float(width), float(longest))), min_half) for width in best]
-
-    def _mask(self, log: Log, half: int) -> NDArray[np.bool_]:
-        """Return the samples that may be used."""
-        mask = _has_full_window(log.t, half)
-        if not mask.any():
-            raise InputError(f"{log.source}: every window of {2 * half + 1} samples has a gap in it; smooth less.")
-        return mask
 
     def __str__(self) -> str:
         words = f"Savitzky-Golay polynomials of order {self.order}"

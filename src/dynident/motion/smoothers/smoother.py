@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -27,8 +27,8 @@ from dynident.runtime import (
     part_text,
     short,
 )
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 BY_JOINT = "by joint"
 """Marks a setting, as ``Annotated[..., BY_JOINT]``, that may be a mapping by the names of the joints."""
 
@@ -54,9 +54,10 @@ class Smoother(Part, ABC):
         """Standard deviation of the position noise (rad, m) that it was given: one value or by joint; else None."""
         return None
 
-    def with_noise(self, sigma: Mapping[str, float]) -> Smoother:  # noqa: ARG002
-        """Return the smoother with the noise by joint where it would estimate it, else the same."""
-        return self
+    def with_noise(self, sigma: Mapping[str, float]) -> Self:
+        """Return the smoother with the noise by joint where its setting ``sigma`` is None, else the same."""
+        estimates_noise = "sigma" in getattr(self, "__dataclass_fields__", {}) and self.sigma is None
+        return replace(self, sigma=sigma) if estimates_noise else self  # type: ignore[type-var]
 
     def as_used(self, motion: Motion) -> Smoother:  # noqa: ARG002
         """Return the smoother that smooths any log as much as it has smoothed that of ``motion``: a linear one.
@@ -234,9 +235,8 @@ def overlap(smoother: Smoother, log: Log, motion: Motion) -> int:
 def _measure_overlap(smoother: Smoother, log: Log) -> int:
     """Return the overlap by trial: from where the motion of the second half of a log is that of all of it."""
     middle = len(log) // 2
-    full, cut = (
-        call_part(smoother, recording, Motion) for recording in (log, log.rows(slice(middle, None), log.source))
-    )
+    second_half = log.rows(slice(middle, None), log.source)
+    full, cut = (call_part(smoother, recording, Motion) for recording in (log, second_half))
     last = middle + 3 * (len(log) - middle) // 4  # beyond, the other end counts
     wrong = np.zeros(last - middle, dtype=bool)
     for name in ("q", "dq", "ddq"):
@@ -282,10 +282,8 @@ class Suspects(Noun):
     @cached_property
     def positions(self) -> Mask:
         """The positions (N, n) that are to be replaced: of joints in which they are few enough to be outliers."""
-        outliers: Mask = np.logical_or(
-            select_rare(self.position_spikes, MAX_SPIKE_SHARE), select_rare(self.position_frozen, MAX_FROZEN_SHARE)
-        )
-        return outliers
+        few_spikes = select_rare(self.position_spikes, MAX_SPIKE_SHARE)
+        return few_spikes | select_rare(self.position_frozen, MAX_FROZEN_SHARE)
 
     @cached_property
     def torques(self) -> Mask:
@@ -333,8 +331,7 @@ def repair_log(log: Log, *, torque: bool) -> Log:
     With ``torque``, suspect torques are excluded too, until a model says that they are right.
     """
     marks = suspects(log)
-    wrong = marks.positions
-    q = log.q
+    wrong, q = marks.positions, log.q
     if wrong.any():
         columns = (bridge_gaps(log.t, x, outliers) for x, outliers in zip(log.q.T, wrong.T, strict=True))
         q = np.stack(list(columns), axis=1)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt
-from numpy.typing import NDArray
 
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers.smoother import (
@@ -22,8 +21,6 @@ from dynident.motion.smoothers.smoother import (
 )
 from dynident.motion.splines import GCV, REML, RULES, Constraint, Fixed, Interpolation, Rule, smooth
 from dynident.runtime import ConfigError, InputError, setting_text, settings_text, short
-
-Array = NDArray[np.float64]
 
 # multiples of the noise estimate that "torque" chooses from
 NOISE_FACTORS = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0, 32.0)
@@ -152,10 +149,6 @@ class Spline(Smoother):
         channels = with_rest(still, log.q, (fit.values, fit.derivative(1), fit.derivative(2)))
         return make_motion(log, channels, mask, smoothing)
 
-    def with_noise(self, sigma: Mapping[str, float]) -> Spline:
-        """Return the spline with the noise by joint where it would estimate it."""
-        return replace(self, sigma=sigma) if self.sigma is None else self
-
     def as_used(self, motion: Motion) -> Spline:
         """Return the spline with the lam, for each joint, that it has used for a motion."""
         lam, sigma = (motion.smoothing[name] for name in ("lam", "sigma"))
@@ -177,11 +170,8 @@ class Spline(Smoother):
         else:
             is_criterion = type(rule) in (GCV, REML)
             how = f"by {RULE_TEXTS[type(rule)]}" if is_criterion else settings_text(type(rule).__name__, rule)
-            extras += (
-                []
-                if self.factor == 1.0 or isinstance(rule, Fixed)
-                else [f"{setting_text(self.factor)} times the noise"]
-            )
+            is_scaled = self.factor != 1.0 and not isinstance(rule, Fixed)
+            extras += [f"{setting_text(self.factor)} times the noise"] * is_scaled
         if isinstance(rule, Interpolation):
             return ", ".join(["interpolating spline", *ends])
         if isinstance(rule, Fixed):

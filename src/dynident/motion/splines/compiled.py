@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from dynident.motion.splines.banded import Grid, IllConditionedError, Solution, System
 from dynident.runtime import Noun
+from dynident.runtime.arrays import Array
 from dynident.runtime.kernel import function
 
-Array = NDArray[np.float64]
 Answer = Solution | IllConditionedError
 ARGUMENT_TYPES = (c_int64, *(c_void_p,) * 5)
 FIGURE_COUNT = 8  # that the kernel returns of each series

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from dynident.motion.splines.banded import EPS, TINY, IllConditionedError
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 

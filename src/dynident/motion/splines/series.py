@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.motion.splines.banded import EPS, Solution, System
 from dynident.motion.splines.compiled import column_ranges, roughness, scale_columns
 from dynident.runtime import InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 NORMAL_95 = 1.959964  # standard deviations to each side that hold 95 % of a normal distribution
 CUTOFF_POWER = np.sqrt(2.0) - 1.0  # (2 pi f bandwidth)^(2 order) at the cut-off
 MAX_FREQUENCIES, MIN_FREQUENCIES = 4000, 20

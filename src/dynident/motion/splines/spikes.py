@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.motion.splines.series import median_sigma
+from dynident.runtime.arrays import Array
 
 
 def stretches(mask: NDArray[np.bool_]) -> list[slice]:
@@ -19,7 +20,6 @@ def stretches(mask: NDArray[np.bool_]) -> list[slice]:
     return [slice(a, b) for a, b in zip(edges[offset:-1:2], edges[offset + 1 :: 2], strict=True)]
 
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 

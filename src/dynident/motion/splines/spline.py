@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynident.motion.splines.banded import Grid, IllConditionedError, Solution, System
 from dynident.motion.splines.compiled import BareProblem, column_ranges, slopes, spline_values
@@ -15,8 +15,8 @@ from dynident.motion.splines.rules import Constraint, Rule, check_columns
 from dynident.motion.splines.search import SplineSearch, once, run_searches
 from dynident.motion.splines.series import ScaledSeries, noise_sigma
 from dynident.runtime import ConfigError, InputError, Noun
+from dynident.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_VALUE = 1e100  # squares and fourth powers of allowed values must not overflow
 
 

@@ -8,15 +8,20 @@ from functools import cache
 import numpy as np
 import pytest
 
+from dynident.estimators import LeastSquares
 from dynident.identification import Gain, Recipe, align_motion, find_time_offset, identify
+from dynident.identification.calibration import prepare, prepare_in_rounds
+from dynident.identification.dataset import Dataset
+from dynident.identification.mounting import tilt_base
 from dynident.identification.time_offset import NEAREST_TRIALS, TRIAL_OFFSETS, _minimise_error
 from dynident.models import Model
 from dynident.models.lagrangian import slider, two_link_arm
 from dynident.models.simulation import record
-from dynident.motion.log import Motion
+from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Spline, TimeShifted
 from dynident.regression import Selection
 from tests.identification.motions import sines
+from tests.identification.terms.simulated import bodies, states
 
 
 def sliding(late: float, noise: float, n: int = 4000, seed: int = 0) -> Motion:
@@ -276,3 +281,20 @@ def test_a_smoother_that_shifts_keeps_its_shift_unless_another_predicts_better()
         assert isinstance(found.smoother, TimeShifted)
         assert found.smoother.smoother == Spline()
         assert found.smoother.time_offset == found.time_offset.seconds == pytest.approx(0.0033, abs=1e-4)
+
+
+def test_an_offset_is_sought_again_on_a_base_that_proves_tilted() -> None:
+    """The torque of the tilt hides the offset from a search on a level base."""
+    t, q, dq, ddq = states(3, rows=2000)
+    level, rng = Model((bodies(),)), np.random.default_rng(1)
+    theta = np.array([one.value for one in level.parameters])
+    tau = tilt_base(level, 0.05, 0.03).torque(q, dq, ddq, theta)
+    tau += 0.02 * tau.std(axis=0) * rng.standard_normal(tau.shape)
+    q += 1e-5 * rng.standard_normal(q.shape)
+    log = Log(t[1:], q[:-1], tau[1:], tuple(joint.name for joint in level.joints))  # a sample, 5 ms, late
+    recipe = Recipe((Spline(),), LeastSquares(), time_offset="estimate", base_tilt="estimate")
+    data = Dataset.of([log], [], recipe, log.joints)
+    assert prepare(level, data, recipe).alignment.time_offset.seconds == 0
+    found = prepare_in_rounds(level, data, recipe)
+    assert abs(found.alignment.time_offset.seconds - 0.005) < 2 * found.alignment.time_offset.std < 0.0005
+    assert found.angles[1] == pytest.approx(0.03, abs=2e-3)

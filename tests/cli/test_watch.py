@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from dynident.cli import main
-from tests.cli.commands import refuse, succeed
+from tests.cli.commands import refuse, run, succeed
 from tests.project.watched import SETTINGS, result, rows
 
 
@@ -60,6 +60,13 @@ def test_a_recording_is_watched_as_the_text_of_its_rows(slider: Path, tmp_path: 
     assert "goes on from its saved state" in again.stdout
     names_of = [json.loads(line)["event"] for line in (tmp_path / "parquet" / "changes.jsonl").read_text().splitlines()]
     assert names_of == ["BaselineKnown", "Alarm", "Changed", "Resumed"]
+
+
+def test_a_watch_without_a_sample_has_nothing_to_go_on_from(slider: Path, tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(f"{rows()[0]}\n")
+    for _ in range(2):
+        done = run("watch", slider, tmp_path / "log.csv", "--once", "--out", tmp_path / "out", *SETTINGS)
+        assert "goes on from" not in done.output
 
 
 def test_standard_input_is_watched_as_json_lines(slider: Path) -> None:

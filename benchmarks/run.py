@@ -60,7 +60,7 @@ def main(arguments: list[str] | None = None) -> None:
         parser.error("Windows does not tell what a process has used; run the benchmarks on Linux or macOS.")
     file = FIGURES if given.page or given.draw else given.json
     if not given.draw:
-        bench([one for name in given.parts for one in (TABLES if name == "marks" else [name])] or list(PARTS), file)
+        bench([part for name in given.parts for part in (TABLES if name == "marks" else [name])] or list(PARTS), file)
     if given.page or given.draw:
         draw()
 

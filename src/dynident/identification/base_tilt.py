@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from dynident.estimators import Estimator, Problem
 from dynident.estimators.least_squares import solve_least_squares
-from dynident.identification.calibration_std import correlated_std
+from dynident.identification.calibration_std import calibration_std
 from dynident.identification.cross_validation import FOLDS, Gain, factors_by_fold, gain_from_errors, prediction_errors
 from dynident.identification.mounting import find_mounting, tilt_base
 from dynident.identification.time_offset import training_error, trial_samples
@@ -163,7 +163,7 @@ def _search_tilt(
     lines, e = solution.jac.reshape(n, -1, 2), solution.fun.reshape(n, -1)
     ends = np.cumsum([len(motion) for motion in thin])[:-1]
     regression = Regression(tilt_base(model, *(solution.x + mounting)), thin, selection.unfiltered)
-    std = correlated_std(np.split(lines, ends, axis=1), np.split(e, ends, axis=1), regression)
+    std = calibration_std(np.split(lines, ends, axis=1), np.split(e, ends, axis=1), regression)
     x, y = (float(v) for v in mounting + solution.x * (np.abs(solution.x) > 2.0 * std))
 
     def error(x: float, y: float) -> float:
@@ -232,7 +232,7 @@ def _linear_std(
         )
         torque = model.torque(**states, theta=directions @ fit.value[:r]) + np.tensordot(fit.value[r:], slope, 1)
         residuals.append((motion.tau - torque).T * used)
-    return correlated_std(lines, residuals, regression)
+    return calibration_std(lines, residuals, regression)
 
 
 def _project_factors(triangular: TriangularFactors, directions: Array) -> TriangularFactors:

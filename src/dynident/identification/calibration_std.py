@@ -16,7 +16,7 @@ from dynident.runtime.arrays import Array
 from dynident.validation import ColouredFit
 
 
-def correlated_std(lines: Sequence[Array], residuals: Sequence[Array], regression: Regression) -> Array:
+def calibration_std(lines: Sequence[Array], residuals: Sequence[Array], regression: Regression) -> Array:
     """Return the standard errors (k) of unknowns where residuals are correlated: of A^-1 S A^-1.
 
     ``lines`` (n, N, k) are the derivatives of the ``residuals`` (n, N) of each motion by the unknowns, from which all

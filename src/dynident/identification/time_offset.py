@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.identification.calibration_std import correlated_std
+from dynident.identification.calibration_std import calibration_std
 from dynident.identification.cross_validation import (
     Gain,
     SmootherChoice,
@@ -361,7 +361,7 @@ class _OffsetFit:
         later, here, earlier = (self.shift(motions, offset + side * h) for side in (1.0, 0.0, -1.0))
         pairs = zip(self.residuals(later), self.residuals(earlier), strict=True)
         lines = [(forward - backward)[..., None] / (2 * h) for forward, backward in pairs]
-        return float(correlated_std(lines, self.residuals(here), Regression(self.model, here))[0])
+        return float(calibration_std(lines, self.residuals(here), Regression(self.model, here))[0])
 
 
 def _slope_step(motions: Sequence[Motion]) -> float:

@@ -263,8 +263,8 @@ def groups_of(model: Model, basis: BaseParameters) -> tuple[ParameterGroup, ...]
     for (kind, joint), columns in ordered:
         sizes = basis.scale[list(basis.independent), None] * basis.combination[:, columns]  # free of units
         if independent := [columns[k] for k in independent_columns(sizes)]:
-            own = [model.parameters[k] for k in independent]
-            names, units = tuple(x.name for x in own), tuple(x.unit for x in own)
+            parameters = [model.parameters[k] for k in independent]
+            names, units = tuple(x.name for x in parameters), tuple(x.unit for x in parameters)
             groups.append(ParameterGroup(kind, joint, basis.combination[:, independent], names, units))
     return tuple(groups)
 

@@ -128,10 +128,10 @@ def _export_records(report: dict[str, Any], path: Path) -> list[ExportRecord]:
         # a damaged report may name any path: only files beside the result count
         if isinstance(name, str) and isinstance(digest, str) and Path(name).name == name:
             agreement = as_number(agreement)
-            known = None if np.isnan(agreement) else agreement
-            there = _is_unchanged(path.with_name(name), digest)
+            shown_agreement = None if np.isnan(agreement) else agreement
+            is_unchanged = _is_unchanged(path.with_name(name), digest)
             proven = entry.get("proven") is True
-            records.append(ExportRecord(name, str(entry.get("format")), digest, proven, known, there))
+            records.append(ExportRecord(name, str(entry.get("format")), digest, proven, shown_agreement, is_unchanged))
     return records
 
 

@@ -328,8 +328,8 @@ def scatter_of(
     sets = [vectors for vectors in sets if len(vectors.value) > 1]
     if not sets:
         return Scatter(VarianceComponents(blocks, np.zeros((b, b))), 0.0)
-    known = None if start is None else start.variances
-    return Scatter(variance_components(sets, blocks, inflate=True, start=known), dof)
+    variances = None if start is None else start.variances
+    return Scatter(variance_components(sets, blocks, inflate=True, start=variances), dof)
 
 
 def _runs_with_one_mean(logs: int, in_runs: bool) -> list[slice]:

@@ -219,7 +219,7 @@ def find_changes_and_residuals(
     if not residuals:
         return find_changes(histories, groups, parameter_rng, rate=rate, draws=_enough_draws(rate, draws))
     parameter_rate, residual_rate = rate * (1 - RESIDUAL_RATE_SHARE), rate * RESIDUAL_RATE_SHARE
-    found, found_residuals = (
+    parameter_search, residual_search = (
         find_changes(logs, directions, search_rng, rate=share, draws=_enough_draws(share, draws))
         for logs, directions, search_rng, share in (
             (histories, groups, parameter_rng, parameter_rate),
@@ -228,18 +228,22 @@ def find_changes_and_residuals(
     )
     history_by_robot, joint_names = {history.robot: history for history in residuals}, {joint.name for joint in joints}
     # as by Bonferroni, each search has its share of the rate, and p-values are divided by it
-    changes = [_scale_p_value(change, 1 - RESIDUAL_RATE_SHARE) for change in found.changes]
-    for change in found_residuals.changes:
+    changes = [_scale_p_value(change, 1 - RESIDUAL_RATE_SHARE) for change in parameter_search.changes]
+    for change in residual_search.changes:
         residual = history_by_robot[change.robot]
         # drop residual changes that one log shows, or that a change of parameters explains
-        explanations = (_is_explanation(x, change, residual.logs, joint_names) for x in found.of(change.robot))
+        explanations = (
+            _is_explanation(x, change, residual.logs, joint_names) for x in parameter_search.of(change.robot)
+        )
         if _is_lasting(change, residual) and not any(explanations):
             changes.append(_scale_p_value(change, RESIDUAL_RATE_SHARE))
     chances = {}
-    for robot, chance in found.p_values.items():
-        residual_chance = found_residuals.p_values.get(robot, 1.0) / RESIDUAL_RATE_SHARE
+    for robot, chance in parameter_search.p_values.items():
+        residual_chance = residual_search.p_values.get(robot, 1.0) / RESIDUAL_RATE_SHARE
         chances[robot] = min(chance / (1 - RESIDUAL_RATE_SHARE), residual_chance, 1.0)
-    return Changes(rate, tuple(changes), chances, found.silent, found.scatter, found_residuals.scatter)
+    return Changes(
+        rate, tuple(changes), chances, parameter_search.silent, parameter_search.scatter, residual_search.scatter
+    )
 
 
 def _enough_draws(rate: float, draws: int) -> int:

@@ -107,8 +107,8 @@ def map_columns(
     """
     usable = [joint for joint in joints if not joint.follows]
     # names first; values only where the names say nothing or match no position and torque
-    named = families(table.columns, [joint.name for joint in joints])
-    column_families = named or headerless_families(table, len(usable))
+    named_families = families(table.columns, [joint.name for joint in joints])
+    column_families = named_families or headerless_families(table, len(usable))
     position, torque = best_pair(table, column_families, usable)
     nameless = all(name.isdecimal() for name in table.columns) or position is torque is None
     # values are compared only here, as this is slower and less certain than names
@@ -118,8 +118,8 @@ def map_columns(
     # joints that never move are locked, unless this would leave none to identify
     names = _joints_to_identify(position, torque, usable)
     signals = _position_channels(table, usable, position, ros)
-    found = [joint for joint in usable if joint.name in names]
-    still = _still_joints([table, *other_tables], found, signals) if lockable else ()
+    matched_joints = [joint for joint in usable if joint.name in names]
+    still = _still_joints([table, *other_tables], matched_joints, signals) if lockable else ()
     names = names.difference(still) or names
     identified_joints = [joint for joint in usable if joint.name in names]
     rows = match_length(table, position or torque)

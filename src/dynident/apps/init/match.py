@@ -76,8 +76,8 @@ def best_pair(
     quantities are never used, currents only where there are no torques.
     """
     joints_by_number = _stated_joints(table, joints)
-    used = (match_family(family, joints, joints_by_number) for family in column_families if family.rank > -2)
-    matches = [match for match in used if match.columns]
+    family_matches = (match_family(family, joints, joints_by_number) for family in column_families if family.rank > -2)
+    matches = [match for match in family_matches if match.columns]
     positions = [match for match in matches if match.family.role == "position"]
     torques = [match for match in matches if match.family.role in ("torque", "current")]
     # all pairs of one length are compared, each also without its partner: positions alone beat a wrong pair

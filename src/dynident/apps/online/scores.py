@@ -227,8 +227,8 @@ class Reference(Noun):
         typical_spread = float(np.median(self.spread))
         step = block.score - block.information @ self.value
         inverses = (np.linalg.inv(_regularise(matrix)) for matrix in (self.covariance, self.unknown))
-        known = (inverse + block.information / typical_spread for inverse in inverses)
-        covariance, unknown = (np.asarray(np.linalg.inv(_regularise(matrix))) for matrix in known)
+        sums = (inverse + block.information / typical_spread for inverse in inverses)
+        covariance, unknown = (np.asarray(np.linalg.inv(_regularise(matrix))) for matrix in sums)
         value = self.value + covariance @ step / typical_spread
         return replace(self, value=value, covariance=covariance, unknown=unknown)
 

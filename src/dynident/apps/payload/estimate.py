@@ -260,8 +260,8 @@ def solve_payload(
         (ErrorSource.FRICTION, place.load, 1.0),
         (ErrorSource.GAINS, place.gain_changes, 100.0 / (request.gain_change or 1.0)),
     ):  # fmt: skip
-        left = _diagonal_rows(size, part, np.full(part.stop - part.start, weight))
-        rows.append(_Measurements(source, left, np.zeros(len(left))))
+        prior_rows = _diagonal_rows(size, part, np.full(part.stop - part.start, weight))
+        rows.append(_Measurements(source, prior_rows, np.zeros(len(prior_rows))))
     rows.append(_gains_prior(request, place, size, n))
     torque = float(np.abs(basis.scale * theta).max())
     # A prior that only keeps base parameters solvable that no result determines.

@@ -30,12 +30,12 @@ def command_findings(
     lags = []
     for motion in motions:
         correlations = np.array([_correlations(motion.raw, late_commands(motion, float(lag))) for lag in LAGS])
-        own = np.einsum("ijj->ij", correlations)
+        diagonal = np.einsum("ijj->ij", correlations)
         # periodic motion follows at several lags, of which the nearest to zero is taken
-        places = (own - LAG_COST * np.abs(LAGS)[:, None]).argmax(axis=0)
+        places = (diagonal - LAG_COST * np.abs(LAGS)[:, None]).argmax(axis=0)
         # a turned sign is one where no lag is right
-        places = np.where(own.max(axis=0) > MIN_CORRELATION, places, np.abs(own).argmax(axis=0))
-        best = own[places, np.arange(len(joints))]
+        places = np.where(diagonal.max(axis=0) > MIN_CORRELATION, places, np.abs(diagonal).argmax(axis=0))
+        best = diagonal[places, np.arange(len(joints))]
         for k in map(int, np.flatnonzero(~takes_torque & (motion.raw.std(axis=0) > MIN_SPREAD))):
             if words := _fault(motion, k, float(best[k]), np.abs(correlations[:, k]), joints):
                 yield Finding(Remark(words), joint=joints[k], source=motion.log.name)

@@ -109,8 +109,8 @@ def identify_servo(project: Project) -> ServoIdentification:
     settings = arm.settings
     logs, remarks = read_servo_logs(project)
     motions = {role: [smooth_servo_log(log) for log in logs[role]] for role in logs}
-    found = command_findings([x for role in motions.values() for x in role], plant.joints, nominal.takes_torque)
-    warnings = [*project.warnings, *remarks, *map(str, found)]
+    findings = command_findings([x for role in motions.values() for x in role], plant.joints, nominal.takes_torque)
+    warnings = [*project.warnings, *remarks, *map(str, findings)]
     report_progress("looking for the delay")
     fitted, fit, suspects = choose_fit(plant, motions["train"], nominal, settings)
     held = fitted[0].log.held

@@ -13,7 +13,7 @@ from dynident.models.friction import LoadRipple, Ripple
 from dynident.runtime import Noun
 from dynident.runtime.arrays import Array
 
-RIPPLES = {"ripple": Ripple, "load ripple": LoadRipple}
+RIPPLES = {"ripple": Ripple, "load_ripple": LoadRipple}
 Line = tuple[float, float]
 # 1/rad, rad/m, and periods within the reach: slower waves are springs, or errors of the bodies
 MIN_RATE, MIN_PERIODS = 4.0, 4.0

@@ -71,7 +71,7 @@ def wiener(
     rounding = np.maximum(4 * EPS * np.abs(y).max(axis=0), 1e-100)
     residual_sigma = np.maximum(np.sqrt(penalised_rss / (len(t) - order)), rounding)
     pairs = zip(residual_sigma, sigma, strict=True)
-    noise = np.array([estimate if known is None else known for estimate, known in pairs])
+    noise = np.array([estimate if given_sigma is None else given_sigma for estimate, given_sigma in pairs])
     bandwidth = (ratio * float(t[-1] - t[0]) / (len(t) - 1)) ** (0.5 / order)
     return WienerFit(values, first_derivative, second_derivative, noise, residual_sigma, noise**2 / ratio, bandwidth)
 

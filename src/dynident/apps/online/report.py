@@ -125,6 +125,8 @@ def _event_text(event: Event, joints: Sequence[str], zero: float) -> str:
         return _change_text(event, zero)
     if isinstance(event, Fault):
         return _fault_text(event, zero)
+    if isinstance(event, Resumed) and np.isnan(event.last):
+        return "the watch goes on from its saved state, which has no sample yet"
     values = dict(vars(event))
     values |= {name: stamp_text(values[name], zero) for name in ("since", "last") if name in values}
     if "kind" in values:

@@ -197,8 +197,7 @@ class Watch:
             self.lines.skipping = state["skipping"]
         else:
             self.watcher.resume_by_replay()
-        latest = self.watcher.latest  # not finite where the stream has had no sample yet
-        return stream, self._note([Resumed(latest, latest)] if math.isfinite(latest) else [])
+        return stream, self._note([Resumed(self.watcher.latest, self.watcher.latest)])
 
     def _open_stream(self, position: Mapping[str, Any] | None) -> Stream:
         if self.source == "-":

@@ -97,7 +97,8 @@ def identified(page: Page) -> None:
 
 def settled(page: Page, before: str) -> str:
     """Wait until the address has changed and the fit of it is shown; return what it asks for."""
-    page.wait_for_function("before => location.search !== before", arg=before)
+    decoded = "decodeURIComponent(location.search.replaceAll('+', ' '))"  # as this function returns it
+    page.wait_for_function(f"before => {decoded} !== before", arg=before)
     page.wait_for_function("JSON.parse(sessionStorage.getItem('last'))?.now === location.search")
     return unquote_plus(page.evaluate("location.search"))
 

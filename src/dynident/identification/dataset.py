@@ -87,7 +87,7 @@ class SubstituteUsed(Note):
 
     def __str__(self) -> str:
         return (
-            f"{self.log} has not the motion that {self.smoother} is made for; as it is only judged, another smooths "
+            f"{self.log} lacks the motion that {self.smoother} is made for; as it is only judged, another smooths "
             f"it: {self.method}. Its torque error also holds what that leaves of the noise or takes of the motion: "
             "compare it with that of other models on this recording, not with the error on training"
         )

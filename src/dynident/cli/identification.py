@@ -170,7 +170,7 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
                 refuse_inputs(*(out / name for name in names))
             # a cluster is asked for by name, so it also tries the smoothers of logs that fit the memory
             uses_cluster = spread.cluster is not None and len(project.recipe.smoothers) > 1
-            is_spread = project.long or uses_cluster
+            is_spread = project.in_pieces or uses_cluster
             with spread.executor("dynident.project.long_recordings") if is_spread else nullcontext() as executor:
                 state_folder = folder.path if folder else None
                 identification = project.identify(executor=executor, limits=spread.limits, folder=state_folder)

@@ -209,7 +209,7 @@ class Reducer(Noun):
         (motion,), (smoother,), theta = regression.motions, self.recipe.smoothers, self.theta
         cut = motion.shift(0.0, np.arange(rows.start, rows.stop))
         with suppress(InputError):
-            cut_log = self.recipe.repair(log.rows(rows, log.source), torque=False)
+            cut_log = self.recipe.repair(log).rows(rows, log.source)  # outliers of the piece are sought only once
             for piece in pieces_of(self.model, cut_log, cut, smoother, theta, 1.0):
                 # One piece only: the rows are cut to the length of one.
                 return repeat_piece(

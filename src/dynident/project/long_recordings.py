@@ -33,6 +33,7 @@ from dynident.runtime.families import SMOOTHERS, TERMS
 from dynident.runtime.jobs import Limits, Status, run_jobs
 
 BYTES_PER_SAMPLE = 160  # bytes of memory per sample and joint that an identification takes where it holds all samples
+MAX_BYTES_AT_ONCE = 600_000_000  # of a training; what takes more is fitted in pieces where that is possible
 CHUNK = 1_000_000  # stamps that are looked at together
 KEY = ("piece",)
 ARRAYS = ("rows", "factors", "repeated_rows", "repeated_once", "repeated_twice")
@@ -214,9 +215,28 @@ def is_long(config: Config) -> bool:
 
     Raises InputError where a Parquet file cannot be read.
     """
+    return _training_bytes(config) > memory_budget()
+
+
+def saves_memory(config: Config) -> bool:
+    """Return whether a training that the memory would hold is so large that it is better fitted in pieces.
+
+    All of its files can then be read so. Raises InputError where a Parquet file cannot be read.
+    """
+    files = [list(spec.file.items()) for spec in config.train]
+    in_parquet = all(len(pairs) == 1 and pairs[0][0] == "" and _is_parquet(pairs[0][1]) for pairs in files)
+    wraps = any(channel.wraps for channel in config.position.values())
+    return in_parquet and not wraps and _training_bytes(config) > MAX_BYTES_AT_ONCE
+
+
+def _is_parquet(path: Path) -> bool:
+    return all(part.suffix.lower() == PARQUET for part in recording_parts(path))
+
+
+def _training_bytes(config: Config) -> int:
     files = {file for spec in config.train for path in spec.file.values() for file in recording_parts(path)}
     rows = sum(count_rows(file) for file in files if file.suffix.lower() == PARQUET and os.path.exists(file))
-    return rows * len(config.position) * BYTES_PER_SAMPLE > memory_budget()
+    return rows * len(config.position) * BYTES_PER_SAMPLE
 
 
 def long_logs(config: Config, joints: Sequence[Joint]) -> tuple[LongLog, ...]:

@@ -41,11 +41,11 @@ from dynident.project.config import (
 )
 from dynident.project.drive_settings import TorqueInputSettings
 from dynident.project.logs import read_roles, read_with_findings, turning_joints
-from dynident.project.long_recordings import is_long, long_logs, pieces_name, reduce_pieces
+from dynident.project.long_recordings import is_long, long_logs, pieces_name, reduce_pieces, saves_memory
 from dynident.project.parts import build_part
 from dynident.project.settings import Config, RobotSettings
 from dynident.regression import ParallelFilter
-from dynident.runtime import Finding, Noun, Remark, report_progress
+from dynident.runtime import ConfigError, Finding, Noun, Remark, report_progress
 from dynident.runtime.jobs import Limits
 
 
@@ -98,22 +98,31 @@ class Project(Noun):
         """Whether the training is too long for the memory, so that it is fitted in pieces."""
         return is_long(self.config)
 
+    @property
+    def in_pieces(self) -> bool:
+        """Whether the training is fitted in pieces: it is too ``long``, or takes much less memory so."""
+        return self.long or (saves_memory(self.config) and not self.recipe.estimator.needs_samples)
+
     def identify(
         self, *, executor: Executor | None = None, limits: Limits | None = None, folder: Path | None = None
     ) -> Identification:
         """Identify the parameters from the recordings, with all warnings, the findings of the checks, and the hashes of
         all files that were read.
 
-        A training too ``long`` for the memory is fitted in pieces, over the ``executor``; those that were done are kept
-        in the ``folder``, if there is one, for the next run. Of another the smoothers are tried there. Raises the
-        errors of reading and of ``dynident.identification.identify``.
+        A long training is fitted ``in_pieces``, over the ``executor``; those that were done are kept in the ``folder``,
+        if there is one, for the next run. Of another the smoothers are tried there. Raises the errors of reading and
+        of ``dynident.identification.identify``.
         """
-        if self.long:
-            identification, logs, remarks = self._identify_in_pieces(executor, limits, folder)
-        else:
-            logs, remarks = self.logs()
-            read = logs["train"], logs["validation"]
-            identification = identify(self.model, *read, self.recipe, executor=executor)
+        try:
+            if not self.in_pieces:
+                identification, logs, remarks = self._identify_at_once(executor)
+            else:
+                identification, logs, remarks = self._identify_in_pieces(executor, limits, folder)
+        except ConfigError:
+            # some smoothers and estimators need all samples, which the memory may hold
+            if self.long or not self.in_pieces:
+                raise
+            identification, logs, remarks = self._identify_at_once(executor)
         report_progress("reading the logs once more, for their hashes")
         files = log_files(self.config)
         turning = turning_joints(self.config)
@@ -123,6 +132,13 @@ class Project(Noun):
         return self._with_provenance(
             replace(identification, warnings=(*identification.notes, *findings)), (*self.model.notes, *remarks), files
         )
+
+    def _identify_at_once(
+        self, executor: Executor | None
+    ) -> tuple[Identification, dict[str, dict[str, Log]], tuple[str, ...]]:
+        """Return the identification with all samples in memory, all logs, and what to remark."""
+        logs, remarks = self.logs()
+        return identify(self.model, logs["train"], logs["validation"], self.recipe, executor=executor), logs, remarks
 
     def _identify_in_pieces(
         self, executor: Executor | None, limits: Limits | None, folder: Path | None

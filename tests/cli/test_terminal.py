@@ -44,6 +44,19 @@ class Terminal(io.StringIO):
         return True
 
 
+def test_what_is_read_first_is_said_before_packages_are_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Until the next output takes its place, here an error; neither in a pipe nor with --quiet."""
+    monkeypatch.setenv("COLUMNS", "30")
+    for terminal, quiet in ((Terminal(), []), (Terminal(), ["--quiet"]), (io.StringIO(), [])):
+        monkeypatch.setattr("sys.stderr", terminal)
+        with pytest.raises(SystemExit):
+            main([*quiet, "predict", "a\x1bresult.json", "monday.csv"])
+        announcement, name = terminal.getvalue().rpartition("Error: ")[0], "a\\x1bresult.json"
+        is_said = terminal.isatty() and not quiet
+        assert announcement == (f"reading {name}\r{' ' * 29}\r" if is_said else "")
+        assert name in terminal.getvalue()
+
+
 def shown(screen: Terminal, words: str) -> None:
     """Wait until words are shown."""
     for _ in range(1000):

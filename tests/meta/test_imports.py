@@ -17,7 +17,7 @@ torque: { slider: { column: tau, unit: N } }
 train: [ { file: monday.npz } ]
 validation: [ { file: tuesday.npz } ]
 """
-SLOW = {"scipy.signal", "scipy.stats", "scipy.ndimage"}  # 70 to 450 ms each
+SLOW = {"scipy.signal", "scipy.stats", "scipy.ndimage", "scipy.interpolate"}  # 70 to 450 ms each
 UNUSED = {"sympy", "plotly", "narwhals", "clarabel", "pinocchio"} | SLOW
 HEAVY = {"numpy", "scipy", "sympy", "polars", "plotly", "pydantic", "jinja2", "pinocchio", "yaml", "rich"}
 COMMANDS = {

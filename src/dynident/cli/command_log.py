@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import re
+import shutil
 import sys
 import time
 import unicodedata
@@ -57,7 +58,8 @@ def escape_step(step: str) -> Step:
 class CommandLog:
     """How much a command prints; ``file`` takes all of it, and ``began`` (s) is when the run began.
 
-    ``last_words`` are those of the last step, and ``last_time`` (s) when it was printed, counted from the start.
+    ``last_words`` are those of the last step, and ``last_time`` (s) when it was printed, counted from the start;
+    ``announcement`` is what the terminal shows until something else is printed.
     """
 
     verbose: bool = False
@@ -67,6 +69,7 @@ class CommandLog:
     began: float = field(default_factory=time.monotonic)
     last_words: str = ""
     last_time: float = 0.0
+    announcement: str = ""
 
     @property
     def elapsed_seconds(self) -> float:
@@ -139,7 +142,17 @@ def begin_command_log() -> Iterator[CommandLog]:
         _COMMAND_LOG.reset(token)
 
 
+def clear_announcement() -> str:
+    """Take what a command has announced from the terminal, and return it; "" where there is nothing."""
+    log = command_log()
+    words, log.announcement = log.announcement, ""
+    if words:
+        click.echo(f"{' ' * (shutil.get_terminal_size().columns - 1)}\r", err=True, nl=False)
+    return words
+
+
 def print_error(text: str) -> None:
     """Print an error or a warning on standard error."""
+    clear_announcement()
     click.echo(text, err=True)
     command_log().keep(text)

@@ -23,7 +23,15 @@ from typing import Any, NoReturn
 import click
 
 from dynident._version import __version__
-from dynident.cli.command_log import begin_command_log, command_log, escape_controls, one_line, print_error
+from dynident.cli.command_log import (
+    begin_command_log,
+    clear_announcement,
+    command_log,
+    escape_controls,
+    one_line,
+    print_error,
+)
+from dynident.cli.terminal import announce
 from dynident.files.opener import watch_inputs
 from dynident.runtime import DynidentError
 
@@ -178,6 +186,7 @@ class Commands(click.Group):
 def _with_address_space(work: Callable[..., Any]) -> Callable[..., Any]:
     @wraps(work)
     def run(*args: Any, **kwargs: Any) -> Any:
+        announce()
         from dynident.runtime.kernel import kernel  # what it loads, the help does not need
 
         _require_address_space()
@@ -245,6 +254,7 @@ def _error_location(error: BaseException) -> str:
 
 def _show_error(error: click.ClickException) -> None:
     """Print the message of an error, with the usage where an option or argument is wrong."""
+    clear_announcement()
     text = one_line(error.format_message())
     if isinstance(error, click.UsageError):
         click.UsageError(text, error.ctx).show()

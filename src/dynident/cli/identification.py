@@ -23,7 +23,7 @@ from dynident.cli.options import (
     WorkerOptions,
     add_worker_options,
 )
-from dynident.cli.terminal import announce, console, print_files, print_path, say_line, status
+from dynident.cli.terminal import console, print_files, print_path, say_line, status
 from dynident.runtime import Severity, count, report_progress
 
 if TYPE_CHECKING:
@@ -137,7 +137,6 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
     The result is a short summary; -v prints all tables. Logs too long for the memory (Parquet) are fitted in pieces by
     the workers; with --out an interrupted run continues where it stopped.
     """
-    announce()
     from dynident.cli.servo import identify_servos, print_servos
     from dynident.files.folder import result_folder
     from dynident.files.opener import refuse_inputs

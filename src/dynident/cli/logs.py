@@ -12,7 +12,7 @@ import click
 from dynident.cli.command_log import print_error
 from dynident.cli.failures import command
 from dynident.cli.options import CHECKED, CONFIG, DIRECTORY, FILE, JSON_FILE, LOG, ROBOTS, parse_noise
-from dynident.cli.terminal import announce, console, print_files, print_path, print_paths, say_line, status
+from dynident.cli.terminal import console, print_files, print_path, print_paths, say_line, status
 
 if TYPE_CHECKING:
     from dynident.checks import CheckResult
@@ -26,7 +26,6 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
     """Check each FILE, a configuration (YAML) with its logs and robot file, or a robot file (URDF, MJCF) alone, and
     print what is wrong and how to mend it; -v adds hints and tables. The exit code is 1 if an error is found.
     """
-    announce()
     from dynident.files.results import claim_json, write_json
     from dynident.report.check import check_dict, check_summary, fact_tables, finding_tables
     from dynident.runtime import Severity

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from dynident.cli.options import ALLOW_CODE, FILE, LOG_NAME, RESULT
-from dynident.cli.terminal import announce, console, print_path, say_line, status
+from dynident.cli.terminal import console, print_path, say_line, status
 from dynident.runtime import report_progress
 
 if TYPE_CHECKING:
@@ -30,7 +30,6 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: b
     LOG has the channels of the configuration that was identified; torques may be missing. Where the configuration
     names several files for a recording, LOG is key=file,key=file.
     """
-    announce()
     from dynident.files.opener import refuse_inputs, remember_inputs
     from dynident.files.results import probe_folder, table_kind, write_table
     from dynident.project.saved import is_servo_result, load

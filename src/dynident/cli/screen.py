@@ -13,7 +13,7 @@ from rich.progress import Progress, ProgressColumn, SpinnerColumn, Task
 from rich.segment import Segment
 from rich.text import Text
 
-from dynident.cli.command_log import PIPE, command_log, escape_controls, escape_step, one_line
+from dynident.cli.command_log import PIPE, clear_announcement, command_log, escape_controls, escape_step, one_line
 from dynident.runtime import progress_to, shorten_names
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ class Screen(Console):
     def print_and_log(self, content: RenderableType, no_wrap: bool = False, silent: bool = False) -> None:
         """Print what rich can print, and keep it in the log; sentences are wrapped at words, only in a terminal."""
         if not silent:
+            clear_announcement()
             self.print(content, soft_wrap=no_wrap or (isinstance(content, Text) and not self.is_terminal))
         if command_log().file is not None:
             # the log gets the text as it would be in a pipe, without colours and wrapping
@@ -83,14 +84,17 @@ class _StepColumn(ProgressColumn):
 
 
 @contextmanager
-def progress_bar() -> Iterator[None]:
-    """Show the steps of the work within on standard error, with a bar and the time left where they are known."""
+def progress_bar(words: str) -> Iterator[None]:
+    """Show the steps of the work within on standard error, with a bar and the time left where they are known.
+
+    ``words`` are shown before the first step.
+    """
     log = command_log()
     screen = Screen(stderr=True)
     with Progress(
         SpinnerColumn(), _StepColumn(screen), console=screen, transient=True, refresh_per_second=5
     ) as progress:
-        task = progress.add_task("starting", total=None, first=0, at=0.0)
+        task = progress.add_task(words, total=None, first=0, at=0.0)
 
         def show_step(step: str) -> None:
             current_step, task_state = escape_step(step), progress.tasks[0]

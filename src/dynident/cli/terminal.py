@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -10,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynident.cli.command_log import PIPE, command_log, escape_step
-from dynident.runtime import Severity, progress_to
+from dynident.cli.command_log import PIPE, clear_announcement, command_log, escape_step, one_line
+from dynident.runtime import Severity, progress_to, shorten_names
 
 if TYPE_CHECKING:
     from dynident.cli.screen import Screen
@@ -48,9 +49,17 @@ def console() -> Screen:
 
 
 def announce() -> None:
-    """Say on a terminal that a command starts, before it imports what takes longer; the first step overwrites it."""
-    if sys.stderr.isatty() and not command_log().quiet:
-        click.echo("starting\r", err=True, nl=False)
+    """Say on a terminal what a command reads first, before packages are imported; the next output takes its place."""
+    log, context = command_log(), click.get_current_context()
+    arguments = [param for param in context.command.params if isinstance(param, click.Argument)]
+    is_file = arguments and not isinstance(arguments[0].type, click.Choice)
+    if log.quiet or not sys.stderr.isatty() or (arguments and not is_file):
+        return
+    value = context.params[str(arguments[0].name)] if arguments else None
+    name = value[0] if isinstance(value, tuple) else value
+    log.announcement = "starting" if name is None else one_line(f"reading {name}")
+    width = shutil.get_terminal_size().columns - 1  # a line that is full would break
+    click.echo(f"{shorten_names([log.announcement], width)[0]}\r", err=True, nl=False)
 
 
 @contextmanager
@@ -66,7 +75,7 @@ def status() -> Iterator[None]:
         return
     from dynident.cli.screen import progress_bar
 
-    with progress_bar():
+    with progress_bar(clear_announcement() or "starting"):
         yield
 
 

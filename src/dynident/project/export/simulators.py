@@ -12,7 +12,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 import yaml
-from scipy.spatial.transform import Rotation
 
 from dynident.files.xml_text import XmlNode, XmlText
 from dynident.models import RigidBodies
@@ -115,6 +114,8 @@ def _drake_urdf(identified: IdentifiedModel) -> ExportText:
 
 def torque_by_directives(text: str, identified: IdentifiedModel, states: States) -> Array:
     """Return the torque of the URDF for Drake, welded by model directives into a world where gravity points down."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
     bodies, _ = identified.bodies
     _, weld = yaml.load(text, _Directives)["directives"]  # noqa: S506 - a safe loader with one more tag
     angles = np.radians(weld["add_weld"]["X_PC"]["rotation"])
@@ -152,6 +153,8 @@ class DrakeDirectives:
 
     def write(self, identified: IdentifiedModel) -> ExportText:
         """Return the directives, in which names are quoted."""
+        from scipy.spatial.transform import Rotation
+
         bodies, urdf, name = identified.bodies[0], _drake_urdf(identified), Drake().file(identified)
         w, *axis = _upright(bodies.gravity)
         angles = np.degrees(Rotation.from_quat([*axis, w]).as_euler("xyz")).tolist()

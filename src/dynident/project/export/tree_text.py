@@ -14,7 +14,6 @@ from pathlib import PurePath
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from dynident.models import RigidBodies
 from dynident.models.robot_files import RobotJoint, Shape, ShapeKind
@@ -98,6 +97,8 @@ def _body_lines(bodies: RigidBodies) -> Iterator[str]:
 
 def _place(frame: Array) -> str:
     """Return position and orientation (w, x, y, z) of a frame (4, 4)."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
     turn = Rotation.from_matrix(frame[:3, :3]).as_quat(scalar_first=True)
     return f'pos="{numbers_text(frame[:3, 3])}" quat="{numbers_text(turn)}"'
 

@@ -11,7 +11,8 @@ import pytest
 from dynident.models.lagrangian import pendulum
 from dynident.project import long_recordings as long_log
 from dynident.project.config import parse_config
-from dynident.project.long_recordings import LongLog, is_long, long_logs
+from dynident.project import long_recordings
+from dynident.project.long_recordings import BYTES_PER_SAMPLE, LongLog, is_long, long_logs, saves_memory
 from dynident.project.settings import Config
 from dynident.runtime import InputError
 
@@ -157,6 +158,18 @@ def test_what_is_long_depends_on_the_memory(tmp_path: Path, monkeypatch: pytest.
     assert not is_long(given)
     monkeypatch.setenv("DYNIDENT_MEMORY", "1e-4")
     assert is_long(given)
+
+
+def test_pieces_save_memory_where_the_files_can_be_read_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given = config(write(tmp_path, times()))
+    assert not saves_memory(given)
+    rows = sum(part.rows for part in opened(given).parts)
+    monkeypatch.setattr(long_recordings, "MAX_BYTES_AT_ONCE", rows * len(given.position) * BYTES_PER_SAMPLE - 1)
+    assert saves_memory(given) and not is_long(given)
+    other = given.train[0].model_copy(update={"file": {"": tmp_path / "night.csv"}, "name": "night"})
+    assert not saves_memory(given.model_copy(update={"train": (*given.train, other)}))
+    wrapping = {name: channel.model_copy(update={"wraps": True}) for name, channel in given.position.items()}
+    assert not saves_memory(given.model_copy(update={"position": wrapping}))
 
 
 def test_other_files_cannot_be_read_in_pieces(tmp_path: Path) -> None:

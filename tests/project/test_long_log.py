@@ -9,9 +9,9 @@ import polars as pl
 import pytest
 
 from dynident.models.lagrangian import pendulum
+from dynident.project import long_recordings
 from dynident.project import long_recordings as long_log
 from dynident.project.config import parse_config
-from dynident.project import long_recordings
 from dynident.project.long_recordings import BYTES_PER_SAMPLE, LongLog, is_long, long_logs, saves_memory
 from dynident.project.settings import Config
 from dynident.runtime import InputError
@@ -165,7 +165,8 @@ def test_pieces_save_memory_where_the_files_can_be_read_so(tmp_path: Path, monke
     assert not saves_memory(given)
     rows = sum(part.rows for part in opened(given).parts)
     monkeypatch.setattr(long_recordings, "MAX_BYTES_AT_ONCE", rows * len(given.position) * BYTES_PER_SAMPLE - 1)
-    assert saves_memory(given) and not is_long(given)
+    assert saves_memory(given)
+    assert not is_long(given)
     other = given.train[0].model_copy(update={"file": {"": tmp_path / "night.csv"}, "name": "night"})
     assert not saves_memory(given.model_copy(update={"train": (*given.train, other)}))
     wrapping = {name: channel.model_copy(update={"wraps": True}) for name, channel in given.position.items()}

@@ -24,8 +24,8 @@ def problem() -> tuple[Array, Array, JointGrams]:
     rng = np.random.default_rng(3)
     X = rng.normal(size=(N, 6))
     y = X @ np.array([1.0, -2.0, 0.5, 0.0, 0.8, 0.0]) + 0.1 * rng.normal(size=N)
-    rows = np.column_stack([X, y]).reshape(F, 1, N // F, 7)
-    return X, y, JointGrams(np.swapaxes(rows, 2, 3) @ rows, np.eye(2))
+    rows = np.column_stack([X, y]).reshape(F, N // F, 7)
+    return X, y, JointGrams.of(np.swapaxes(rows, 1, 2), (F, 1), np.eye(2))
 
 
 def folds() -> Folds:
@@ -81,8 +81,8 @@ def test_others_count_as_rows() -> None:
 
 def test_a_dependent_column_is_not_seen() -> None:
     X, y, _ = problem()
-    rows = np.column_stack([X[:, :3], X[:, 1] - X[:, 2], y]).reshape(F, 1, N // F, 5)
-    grams = JointGrams(np.swapaxes(rows, 2, 3) @ rows, np.eye(2))
+    rows = np.column_stack([X[:, :3], X[:, 1] - X[:, 2], y]).reshape(F, N // F, 5)
+    grams = JointGrams.of(np.swapaxes(rows, 1, 2), (F, 1), np.eye(2))
     found = try_groups(CandidateGrams(grams, NONE, 1.0), folds(), [0], [[[1]]])
     assert not found.independent.any()
 

@@ -172,7 +172,7 @@ class _TermSelection:
         theta = np.linalg.solve(add_ridge(M) + np.diag(self._precision + np.finfo(float).tiny), right)
         residuals = []
         for rows, C, gram in zip(self.rows, used_columns, grams, strict=True):
-            b, G = len(rows.maps), gram.grams[0, 0]
+            b, G = len(rows.maps), gram.weighted(np.ones((1, 1, 1)))[0]
             # Back-substitution: the values of the eliminated columns, with the shared parameters known.
             values = np.linalg.solve(add_ridge(G[b:-1, b:-1]), G[b:-1, -1] - G[b:-1, :b] @ rows.maps @ theta)
             residuals.append(np.where(rows.usable, rows.residual(theta, C, values), 0.0))

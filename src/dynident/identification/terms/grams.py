@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
+from collections.abc import Iterable, Sequence
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,14 +30,26 @@ class Folds(Noun):
 
 
 class JointGrams(Noun):
-    """Gram matrices of one joint's rows: ``grams`` (F, C, c, c) by block of time and class of samples.
+    """Gram matrices (c, c) of one joint's rows by block of time and class of samples.
 
-    The c columns are b entries of the regressor of the model given, m columns of candidates, and the torque. ``maps``
-    (b, p) gives the entries from the p parameters of that model.
+    ``triangles`` (F, C, c (c + 1) / 2) holds their lower triangles, as candidates of many sizes take most of the
+    memory. The c columns are b entries of the regressor of the model given, m columns of candidates, and the torque.
+    ``maps`` (b, p) gives the entries from the p parameters of that model.
     """
 
-    grams: Array
+    triangles: Array
     maps: Array
+
+    @classmethod
+    def of(cls, rows: Iterable[Array], shape: tuple[int, int], maps: Array) -> JointGrams:
+        """Return the Gram matrices of ``rows`` (c, N) of each block and class, whose numbers are ``shape``."""
+        triangles = np.stack([(X @ X.T)[np.tril_indices(len(X))] for X in rows])
+        return cls(triangles.reshape(*shape, -1), maps)
+
+    def weighted(self, weights: Array) -> Array:
+        """Return the sums (T, c, c) of the matrices with ``weights`` (T, F, C)."""
+        triangles = self.triangles.reshape(-1, self.triangles.shape[-1])
+        return np.take(weights.reshape(len(weights), -1) @ triangles, _square(triangles.shape[1]), axis=1)
 
     @cached_property
     def acts(self) -> NDArray[np.intp]:
@@ -46,9 +58,8 @@ class JointGrams(Noun):
 
     def sums(self, weights: Array) -> Array:
         """Return the sums (T, k + m + 1, k + m + 1) with ``weights`` (T, F, C), of parameters in place of entries."""
-        total, maps = weighted_sums(weights, self.grams), self.maps[:, self.acts]
+        total, maps = self.weighted(weights), self.maps[:, self.acts]
         b, k = maps.shape
-        # the candidates of many sizes take most of the memory: these sums are kept no longer than a search
         reduced = np.empty((len(total), k + total.shape[-1] - b, k + total.shape[-1] - b))
         reduced[:, :k, :k] = maps.T @ total[:, :b, :b] @ maps
         reduced[:, k:, k:] = total[:, b:, b:]
@@ -133,10 +144,13 @@ def eliminate_columns(gram: Array, keep: int, drop: Sequence[int]) -> tuple[Arra
     return G - share[..., :keep], g - share[..., keep]
 
 
-def weighted_sums(weights: Array, grams: Array) -> Array:
-    """Return weighted sums (T, c, c) of Gram matrices (F, C, c, c), with weights (T, F, C)."""
-    size = grams.shape[-1]
-    return (weights.reshape(len(weights), -1) @ grams.reshape(-1, size * size)).reshape(-1, size, size)
+@cache
+def _square(size: int) -> NDArray[np.intp]:
+    """Return where each element (c, c) of a symmetric matrix is in its lower triangle of this ``size``."""
+    c = int(np.sqrt(2 * size))
+    row, column = np.indices((c, c))
+    low, high = np.minimum(row, column), np.maximum(row, column)
+    return np.asarray(high * (high + 1) // 2 + low)
 
 
 def add_ridge(M: Array, diagonal: Array | None = None) -> Array:
@@ -304,7 +318,7 @@ def normal_matrices(joint_grams: JointGrams, columns: Sequence[int], train: Arra
     The chosen ``columns`` are eliminated; ``train`` (S, F) weighs the blocks of the joint.
     """
     b = len(joint_grams.maps)
-    total = weight * weighted_sums(train, joint_grams.grams.sum(axis=1))
+    total = weight * joint_grams.weighted(np.repeat(train[:, :, None], joint_grams.triangles.shape[1], axis=2))
     M, right = eliminate_columns(total, b, [b + i for i in columns])
     return joint_grams.maps.T @ M @ joint_grams.maps, right @ joint_grams.maps
 

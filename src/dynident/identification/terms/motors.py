@@ -59,9 +59,9 @@ class MotorEquations:
             )
             shape = int(self.block.max()) + 1, N_CLASSES
             joint_grams.append(
-                weighted.grams(root * np.concatenate([wide, shapes[:, equations.j]]), self.block, label, shape).grams
+                weighted.grams(root * np.concatenate([wide, shapes[:, equations.j]]), self.block, label, shape)
             )
-        return JointGrams(np.add.reduce(joint_grams), maps)
+        return JointGrams(np.add.reduce([grams.triangles for grams in joint_grams]), maps)
 
 
 def motor_search(samples: TermSamples, motor: CoupledMotor, equations: MotorEquations) -> JointSearch:

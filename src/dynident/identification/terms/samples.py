@@ -170,7 +170,7 @@ class JointEquations(Noun):
         ends = np.searchsorted(key[order], np.arange(shape[0] * shape[1] + 1))
         X = np.concatenate([self.entries, columns, self.tau[None]])
         parts = (X[:, order[start:stop]] for start, stop in pairwise(ends))
-        return JointGrams(np.stack([rows @ rows.T for rows in parts]).reshape(*shape, len(X), len(X)), self.maps)
+        return JointGrams.of(parts, shape, self.maps)
 
 
 def correlation_length(residual: Array, max_lag: int) -> int:

@@ -88,13 +88,15 @@ def parts_of(identification: Identification) -> TrainingParts:
     pairs = list(zip(motions, rows, strict=True))
     tau, t = (np.concatenate([getattr(motion, name)[indices] for motion, indices in pairs]) for name in ("tau", "t"))
     is_fitted = np.concatenate([fitted_mask(motion, selection.min_speed, indices) for motion, indices in pairs])
-    Y = identification.model.regressor(**stack_states(motions, rows))
-    size = np.sqrt(np.mean(np.where(is_fitted, tau - Y @ identification.estimate.value, 0.0) ** 2, axis=0))
+    X = identification.model.regressor(**stack_states(motions, rows))
+    size = np.sqrt(np.mean(np.where(is_fitted, tau - X @ identification.estimate.value, 0.0) ** 2, axis=0))
     weight = 1.0 / np.where(size > 0, size, 1.0)
-    X, y = Y * (weight * is_fitted)[:, :, None], tau * weight * is_fitted
+    X *= (weight * is_fitted)[:, :, None]  # in place, as these rows are the largest array of an identification
     log = np.repeat(np.arange(len(motions)), list(map(len, rows)))
     names = tuple(validation.name for validation in identification.of_role("train"))
-    return TrainingParts(names, log, _part_numbers(list(map(len, rows))), t, X @ _coordinates(X), y, weight)
+    return TrainingParts(
+        names, log, _part_numbers(list(map(len, rows))), t, X @ _coordinates(X), tau * weight * is_fitted, weight
+    )
 
 
 def _part_numbers(lengths: Sequence[int]) -> NDArray[np.intp]:
@@ -115,6 +117,7 @@ def _coordinates(X: Array) -> Array:
     """
     scale = np.linalg.norm(X, axis=(0, 1))
     scale = np.where(scale > 0, scale, 1.0)
-    _, singular, directions = np.linalg.svd(np.linalg.qr((X / scale).reshape(-1, X.shape[2]), mode="r"))
+    triangles = [np.linalg.qr((part / scale).reshape(-1, X.shape[2]), mode="r") for part in np.array_split(X, N_PARTS)]
+    _, singular, directions = np.linalg.svd(np.linalg.qr(np.concatenate(triangles), mode="r"))
     is_determined = singular > RANK_TOLERANCE * singular.max(initial=0.0)
     return np.asarray(directions[: len(singular)][is_determined].T / singular[is_determined] / scale[:, None])

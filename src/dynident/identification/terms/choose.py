@@ -145,7 +145,7 @@ class _TermSelection:
         plain = [self._plain_columns(j) for j in range(len(self.rows))]
         # Twice: the correlation length needs weights, and the prior needs the number of independent samples.
         for _ in range(2):
-            residuals = self._refit(plain, [list(range(len(joint_columns))) for joint_columns in plain])
+            residuals = self._refit(plain)
             lengths = [correlation_length(residual, len(residual) // self.samples.blocks) for residual in residuals]
             self.independent = float(np.median(lengths))
         inside = self.samples.is_inside(2 * int(self.independent))
@@ -158,10 +158,9 @@ class _TermSelection:
         terms = [kind.sizes(self.excitations[j])[0] for kind in kinds]
         return np.concatenate([columns_of(self.samples, term, j, self.samples.loads(None)) for term in terms])
 
-    def _refit(self, columns: Sequence[Array], indices: Sequence[Sequence[int]]) -> list[Array]:
-        """Fit all joints with their chosen columns; set theta and weights, and return the residuals (N)."""
+    def _refit(self, used_columns: Sequence[Array]) -> list[Array]:
+        """Fit all joints with their columns (m, N); set theta and weights, and return the residuals (N)."""
         no_labels = np.zeros(len(self.samples), dtype=np.intp)
-        used_columns = [joint_columns[list(index)] for joint_columns, index in zip(columns, indices, strict=True)]
         # Eliminate the columns of each joint, then solve for the parameters that all joints share.
         grams = [rows.grams(C, no_labels, no_labels, (1, 1)) for rows, C in zip(self.rows, used_columns, strict=True)]
         normals = [
@@ -197,11 +196,12 @@ class _TermSelection:
             load = self.samples.model.with_load(self.theta).load if self.samples.model.load_mask.any() else None
             loads = self.samples.loads(load)
             # the matrices of the last pass are freed before those of the next one are made
-            searches, columns = list[JointSearch](), list[Array]()
-            searches, columns = self._make_searches(loads)
+            searches = list[JointSearch]()
+            searches = self._make_searches(loads)
+            ripples = [[kind.name for kind in joint_ripples] for joint_ripples in self.ripples]
             for j, search in enumerate(searches):
                 previous = [TermEntry(search.groups[g], size) for g, size in entered[j]]
-                search.entered = previous + self._ripples_of(j, search) if turn else search.entries(PLAIN_KINDS)
+                search.entered = previous + search.entries(ripples[j]) if turn else search.entries(PLAIN_KINDS)
             plain = plain or self._errors(searches)
             normals = [search.normal for search in searches]
             for j, search in enumerate(searches):
@@ -210,7 +210,7 @@ class _TermSelection:
                     search.entered = search.entries(PLAIN_KINDS)
                     continue
                 # Dry friction and offset first, the rest anew: sizes of an earlier pass were chosen with another load.
-                search.entered = search.entries(PLAIN_KINDS[:3]) + self._ripples_of(j, search)
+                search.entered = search.entries([*PLAIN_KINDS[:3], *ripples[j]])
                 candidates = search.beside(other_joint_normals(normals, j, self._precision, search.grams.acts))
                 search.forward(candidates)
                 search.backward(candidates)
@@ -218,13 +218,13 @@ class _TermSelection:
                 normals[j] = search.normal
             entered = [[(search.groups.index(x.group), x.size) for x in search.entered] for search in searches]
             self._pool(searches)
-            residuals = self._update_weights(searches, columns)
+            residuals = self._update_weights(searches, loads)
             for j in range(n if turn == PASSES - 2 else 0):
                 report_progress(Step("choosing the terms", (turn + 1) * n + j, (PASSES + 1) * n))
                 # Ripples are searched in the last but one pass, so that the last weighs them against all other kinds.
-                self._find_ripples(searches, columns, residuals, j, loads)
+                self._find_ripples(searches, residuals, j, loads)
             for motor in coupled_motors(self.samples.model) if turn == PASSES - 2 else ():
-                self._find_friction(searches, columns, motor)
+                self._find_friction(searches, loads, motor)
         joints = self.samples.model.joints
         trials = [earlier | search.trials for earlier, search in zip(self.trials, searches, strict=True)]
         return TermChoice(
@@ -233,7 +233,7 @@ class _TermSelection:
             tuple(trial for joint_trials in trials for trial in joint_trials.values()),
             tuple(plain),
             tuple(self._errors(searches)),
-            tuple(self._min_speed(searches, columns, j) for j in range(n)),
+            tuple(self._min_speed(searches, loads, j) for j in range(n)),
             load,
         )
 
@@ -246,10 +246,6 @@ class _TermSelection:
             names = {group.kind.name for group in searches[j].groups}
             self.shares[j] = {name: float(np.mean([name in entered for entered in others])) for name in names}
 
-    def _ripples_of(self, j: int, search: JointSearch) -> list[TermEntry]:
-        """Return the groups of the ripples that were found at a joint."""
-        return search.entries([kind.name for kind in self.ripples[j]])
-
     def _errors(self, searches: Sequence[JointSearch]) -> list[float]:
         """Return the cross-validated errors (%) of the joints."""
         normals, errors = [search.normal for search in searches], list[float]()
@@ -261,19 +257,18 @@ class _TermSelection:
             errors.append(100.0 * (squared_error / squared_torque) ** 0.5)
         return errors
 
-    def _update_weights(self, searches: Sequence[JointSearch], columns: Sequence[Array]) -> list[Array]:
+    def _update_weights(self, searches: Sequence[JointSearch], loads: Sequence[Array]) -> list[Array]:
         """Fit all joints with their chosen terms, set the weights of the searches, and return the residuals (N)."""
-        residuals = self._refit(columns, [search.columns for search in searches])
+        residuals = self._refit([self._entered_columns(search, j, loads) for j, search in enumerate(searches)])
         for search, weight in zip(searches, self.weights.tolist(), strict=True):
             search.weight = weight
         return residuals
 
-    def _make_searches(self, loads: Sequence[Array]) -> tuple[list[JointSearch], list[Array]]:
-        """Return the search of each joint with the groups of all kinds, and their columns (m, N)."""
-        searches, columns = [], []
+    def _make_searches(self, loads: Sequence[Array]) -> list[JointSearch]:
+        """Return the search of each joint with the groups of all kinds."""
+        searches = []
         for j, rows in enumerate(self.rows):
-            groups: list[TermGroup] = []
-            group_columns: list[Array] = []
+            groups, group_columns = list[TermGroup](), [np.zeros((0, len(self.samples)))]
             still_kinds, has_load = PLAIN_KINDS[: 1 if self._is_held(j) else None], self.samples.model.load_mask.any()
             kinds = [kind for kind in self.kinds if not self._is_still(j) or kind.name in still_kinds]
             for kind in (*kinds, *self.ripples[j]):
@@ -281,13 +276,12 @@ class _TermSelection:
                 names = {parameter.name for term in terms for parameter in term.parameters}
                 if terms and not names & set(self.samples.model.names):
                     groups.append(self._group(kind, terms, j, loads, group_columns))
-            columns.append(np.concatenate(group_columns) if group_columns else np.zeros((0, len(self.samples))))
-            grams = self._grams(rows, columns[-1])
+            grams = self._grams(rows, np.concatenate(group_columns))
             name = self.samples.model.joints[j].name
             searches.append(
                 JointSearch(name, grams, tuple(groups), self.division, float(self.weights[j]), self.shares.get(j, {}))
             )
-        return searches, columns
+        return searches
 
     def _group(
         self, kind: CandidateKind, terms: tuple[Term, ...], j: int, loads: Sequence[Array], group_columns: list[Array]
@@ -295,12 +289,22 @@ class _TermSelection:
         """Return a group of columns, which are appended to ``group_columns``."""
         places = []
         for term in terms:
-            term_columns = self._columns(term, j, loads)
+            term_columns = self._scaled_columns(term, j, loads)
             start = sum(map(len, group_columns))
             places.append(tuple(range(start, start + len(term_columns))))
-            size = np.sqrt(np.mean(np.square(term_columns), axis=1, keepdims=True))
-            group_columns.append(term_columns / np.where(size > 0, size, 1.0))
+            group_columns.append(term_columns)
         return TermGroup(kind, terms, tuple(places))
+
+    def _entered_columns(self, search: JointSearch, j: int, loads: Sequence[Array]) -> Array:
+        """Return the columns (m, N) that have entered at a joint, computed anew: those of all candidates are large."""
+        columns = [self._scaled_columns(entry.term, j, loads) for entry in search.entered]
+        return np.concatenate([np.zeros((0, len(self.samples))), *columns])
+
+    def _scaled_columns(self, term: Term, j: int, loads: Sequence[Array]) -> Array:
+        """Return the columns (w, N) of a term, each with a mean square of one."""
+        columns = self._columns(term, j, loads)
+        size = np.sqrt(np.mean(np.square(columns), axis=1, keepdims=True))
+        return np.asarray(columns / np.where(size > 0, size, 1.0))
 
     def _columns(self, term: Term, j: int, loads: Sequence[Array]) -> Array:
         """Return the columns (w, N) of a term; those that remember the motion, and not the load, are cached."""
@@ -332,7 +336,7 @@ class _TermSelection:
         return other_joint_normals([search.normal for search in searches], j, self._precision, searches[j].grams.acts)
 
     def _find_ripples(
-        self, searches: list[JointSearch], columns: list[Array], residuals: list[Array], j: int, loads: Sequence[Array]
+        self, searches: list[JointSearch], residuals: list[Array], j: int, loads: Sequence[Array]
     ) -> None:
         """Add ripples to a joint one by one, also by the load, at the largest lines in the residual of other terms."""
         rows, excitation = self.rows[j], self.excitations[j]
@@ -342,11 +346,10 @@ class _TermSelection:
             if not kinds:
                 return
             # Columns that have entered come first; those of other candidates are no longer needed.
-            group_columns = [columns[j][searches[j].columns]]
+            group_columns = [self._entered_columns(searches[j], j, loads)]
             groups = [self._group(kind, tuple(kind.sizes(excitation)), j, loads, group_columns) for kind in kinds]
-            columns[j] = np.concatenate(group_columns)
             entered = renumber_columns(searches[j].entered)
-            grams = self._grams(rows, columns[j])
+            grams = self._grams(rows, np.concatenate(group_columns))
             searches[j] = search = replace(
                 searches[j], grams=grams, groups=tuple(groups), entered=list(entered), trials={}
             )
@@ -356,12 +359,12 @@ class _TermSelection:
                 return
             entry = search.entered[-1]
             self.ripples[j].append(replace(entry.group.kind, sizes=partial(fixed_terms, (entry.term,))))
-            residuals[:] = self._update_weights(searches, columns)
+            residuals[:] = self._update_weights(searches, loads)
 
-    def _find_friction(self, searches: Sequence[JointSearch], columns: Sequence[Array], motor: CoupledMotor) -> None:
+    def _find_friction(self, searches: Sequence[JointSearch], loads: Sequence[Array], motor: CoupledMotor) -> None:
         """Add friction of a motor that is coupled to several joints, judged by the equations of all of these."""
         on = [j for j, joint in enumerate(self.samples.model.joints) if joint.name in dict(motor.coefficients)]
-        joint_columns = [columns[j][searches[j].columns] for j in on]
+        joint_columns = [self._entered_columns(searches[j], j, loads) for j in on]
         equations = MotorEquations([self.rows[j] for j in on], joint_columns, self.weights[on], self.block)
         coupled_search = motor_search(self.samples, motor, equations)
         # The other joints enter by their normal matrices; those of the motor are in its own search.
@@ -374,7 +377,7 @@ class _TermSelection:
                 replace(x.group.kind, sizes=partial(fixed_terms, (x.term,))) for x in coupled_search.entered[n_before:]
             ]
 
-    def _min_speed(self, searches: Sequence[JointSearch], columns: Sequence[Array], j: int) -> float:
+    def _min_speed(self, searches: Sequence[JointSearch], loads: Sequence[Array], j: int) -> float:
         """Return the speed below which samples of a joint are left out because this predicts all samples better."""
         joint_search, rows = searches[j], self.rows[j]
         if self.samples.selection.min_speed is not None or self._is_still(j):
@@ -383,7 +386,7 @@ class _TermSelection:
         # Samples fall into classes by speed, so that every trial speed is a choice of Gram matrices.
         label = np.digitize(speed, TRIAL_SPEEDS)
         F, C = self.samples.blocks, len(TRIAL_SPEEDS) + 1
-        grams = rows.grams(columns[j][joint_search.columns], self.block, label, (F, C))
+        grams = rows.grams(self._entered_columns(joint_search, j, loads), self.block, label, (F, C))
         candidates = CandidateGrams(grams, self._other_normals(searches, j), joint_search.weight)
         eye, errors = np.eye(F), []
         for k in range(C):

@@ -77,7 +77,8 @@ def default(section: type[Section], key: str) -> Any:
     field = section.model_fields[key]
     value = "required" if field.is_required() else field.get_default(call_default_factory=True)
     if section is settings.Config and key in FAMILIES:
-        return {"kind": FAMILIES[key].kind_of(build_part(value)[0] if key == "smoother" else build_part(value))}
+        rule = {"rule": value.rule} if key == "smoother" else {}
+        return {"kind": FAMILIES[key].kind_of(build_part(value)[0] if rule else build_part(value))} | rule
     if section in MAPPINGS and key in MAPPINGS[section]:
         value = dict(value)
     return list(value) if isinstance(value, tuple) else value

@@ -1,4 +1,4 @@
-"""How much to smooth: each rule chooses the Lagrange parameter p of eq. (15) for one series.
+"""How much to smooth: each rule chooses p of eq. (32), half a Lagrange multiplier, for one series.
 
 A rule is a frozen dataclass of settings. p is searched (``search.py``) in scaled units, so that no rule depends on the
 units of time or position.
@@ -64,7 +64,7 @@ class Constraint(Rule):
 
 @dataclass(frozen=True)
 class Fixed(Rule):
-    """A given Lagrange parameter: p of eq. (15), or lam = 1 / (2 p), the factor of the integral of g''^2.
+    """A given p of eq. (32), half the Lagrange multiplier, or lam = 1 / (2 p), the factor of the integral of g''^2.
 
     lam multiplies the integral in sum(((g - y) / delta)^2) + lam * integral(g''^2). One number, or one per column.
     """

@@ -37,6 +37,7 @@ def rows(motions: Sequence[Motion]) -> Array:
 @pytest.mark.parametrize("size", [1, 37, 512, 100_000])
 def test_merged_blocks_are_one_big_least_squares(monkeypatch: pytest.MonkeyPatch, size: int) -> None:
     monkeypatch.setattr(linear_problem, "BLOCK", size)
+    monkeypatch.setattr(linear_problem, "BLOCK_ENTRIES", size)
     motions = (motion(300, seed=1, mask=holes(1000)[:300]), motion(50, seed=2))
     found = Regression(ARM, motions).triangular_factors
     whole = rows(motions)
@@ -54,6 +55,7 @@ def test_merged_blocks_are_one_big_least_squares(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize("size", [7, 64, 4096])
 def test_blocks_hold_the_usable_samples_in_order(monkeypatch: pytest.MonkeyPatch, size: int) -> None:
     monkeypatch.setattr(linear_problem, "BLOCK", size)
+    monkeypatch.setattr(linear_problem, "BLOCK_ENTRIES", size)
     motions = (motion(mask=holes(), seed=1), motion(100, seed=2))
     Y, tau = drawn(motions)
     np.testing.assert_array_equal(Y.transpose(1, 0, 2), rows(motions)[:, :, :-1])
@@ -161,6 +163,7 @@ def test_memory_does_not_grow_with_the_samples(
     monkeypatch: pytest.MonkeyPatch, parallel_filter: ParallelFilter | None, most: int
 ) -> None:
     monkeypatch.setattr(linear_problem, "BLOCK", 64)
+    monkeypatch.setattr(linear_problem, "BLOCK_ENTRIES", 64)
     term = Counting()
     found = Regression(Model((term,)), (motion(5000),), Selection(parallel_filter)).triangular_factors
     assert found.samples == (5000 if parallel_filter is None else len(range(0, 5000, parallel_filter.decimate)))

@@ -28,6 +28,7 @@ def test_filtered_pieces_fit_together(
 ) -> None:
     """Pieces with overlap are what filtering each stretch at once gives, on one grid of decimation."""
     monkeypatch.setattr(linear_problem, "BLOCK", size)
+    monkeypatch.setattr(linear_problem, "BLOCK_ENTRIES", size)
     made = motion(3000, mask=holes(3000))
     Y, tau = drawn((made,), parallel_filter)
     sections = parallel_filter.sections(made)

@@ -23,6 +23,7 @@ from dynident.runtime.arrays import Array
 from dynident.runtime.jobs import Status, run_jobs
 
 BLOCK = 2048  # samples whose entries stay in the cache while they are factorised
+BLOCK_ENTRIES = 50_000  # in a block: more samples where each has few
 
 
 class RegressorBlock(Noun):
@@ -210,7 +211,7 @@ class Regression(Noun):
         for k, part, samples in self._stretches_to_take(within):
             motion = self.motions[k]
             blocks = (
-                _unfiltered_blocks(motion, samples, rows)
+                _unfiltered_blocks(motion, samples, rows, max(BLOCK, BLOCK_ENTRIES // len(structure.joint)))
                 if self.filter is None
                 else _filtered_blocks(motion, part, samples, rows, self.filter)
             )
@@ -271,9 +272,9 @@ def _append_torques(block: EntryBlock, torques: Array, wider: Structure) -> Entr
 RowFunction = Callable[[Motion, slice], EntryBlock]
 
 
-def _unfiltered_blocks(motion: Motion, part: slice, rows: RowFunction) -> Iterator[tuple[slice, EntryBlock]]:
-    for start in range(part.start, part.stop, BLOCK):
-        block_rows = slice(start, min(start + BLOCK, part.stop))
+def _unfiltered_blocks(motion: Motion, part: slice, rows: RowFunction, size: int) -> Iterator[tuple[slice, EntryBlock]]:
+    for start in range(part.start, part.stop, size):
+        block_rows = slice(start, min(start + size, part.stop))
         yield block_rows, rows(motion, block_rows)
 
 

@@ -13,6 +13,7 @@ from dynident.identification.terms import (
     TermChoice,
     TermTrial,
     TrialOutcome,
+    choose,
     choose_terms,
     kind_of_class,
     library_kinds,
@@ -156,6 +157,25 @@ def test_a_joint_that_is_held_shows_no_friction() -> None:
     choice = choose_terms(Model((bodies(),)), [held])
     assert (choice.trials_of("j2"), classes(choice, "j2")) == ((), {"Offset"})
     assert classes(choice, "j1") >= {"Offset", "RotorInertia", "Viscous", "Coulomb"}
+
+
+@pytest.mark.parametrize(("law", "dry"), [("coulomb", "Coulomb"), ("by_load", "LoadCoulomb")])
+def test_dry_friction_stays_at_a_joint_whose_torque_is_fitted_one_way_alone(law: str, dry: str) -> None:
+    """Coulomb friction looks like an offset there: without it, all of the friction would be an offset."""
+    motion = recorded(getattr(simulated, law), 2)
+    keep = (motion.dq > 0.3) | np.array([True, False, True])
+    choice = choose_terms(Model((bodies(),)), [replace(motion, keep=keep)])
+    assert classes(choice, "j2") & {"Coulomb", "LoadCoulomb"} == {dry}
+    kept = [(one.joint, one.kind) for one in choice.trials if one.outcome is TrialOutcome.KEPT]
+    assert kept == ([("j2", "coulomb")] if dry == "Coulomb" else [])
+
+
+@pytest.mark.parametrize(("std", "is_used"), [(0.6, False), (0.4, True)])
+def test_a_minimum_speed_needs_two_standard_errors(monkeypatch: pytest.MonkeyPatch, std: float, is_used: bool) -> None:
+    monkeypatch.setattr(choose, "gain_share", lambda gains, _: (1.0 * gains.any(), std))
+    kinds = [kind for kind in library_kinds() if kind.presumed]
+    choice = choose_terms(Model((bodies(),)), [recorded(simulated.coulomb, 1)], kinds=kinds)
+    assert [speed > 0 for speed in choice.min_speed] == [is_used] * 3
 
 
 def test_a_joint_whose_torque_is_not_fitted_keeps_the_plain_set() -> None:

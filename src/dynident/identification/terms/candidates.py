@@ -171,6 +171,7 @@ class TrialOutcome(Enum):
     NEGATIVE = "negative"  # a coefficient that physics does not let be negative
     NOT_EXCITED = "not excited"
     REDUNDANT = "redundant"  # it had entered, and others made it needless
+    KEPT = "kept"  # friction of a joint that moves one way only, which cannot be told from an offset
 
 
 class TooFewSamplesError(InputError):

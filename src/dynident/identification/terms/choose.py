@@ -44,6 +44,7 @@ from dynident.identification.terms.samples import (
     select_samples,
 )
 from dynident.identification.terms.search import (
+    MIN_STRICT_GAIN_ERRORS,
     JointSearch,
     SearchFolds,
     TermEntry,
@@ -82,7 +83,7 @@ def choose_terms(
     ``MIN_STRICT_GAIN_ERRORS``, fewer where most other joints have it, too (``MIN_POOL``); where it does not fail on
     the fast samples with its coefficients from the slow ones, or on another recording; and where no coefficient is
     negative that must not be. Offset and rotor inertia always stay, viscous and Coulomb friction unless they have
-    demonstrably no effect.
+    demonstrably no effect; Coulomb friction also where a joint moves one way only, if no other dry friction entered.
 
     ``min_speed`` (n) is that of the fit, where it is given; else it is chosen by the same folds.
 
@@ -215,6 +216,8 @@ class _TermSelection:
                 search.forward(candidates)
                 search.backward(candidates)
                 search.exchange(candidates)
+                if not self.samples.moves_both_ways(j):
+                    search.keep_dry_friction(candidates)
                 normals[j] = search.normal
             entered = [[(search.groups.index(x.group), x.size) for x in search.entered] for search in searches]
             self._pool(searches)
@@ -393,9 +396,8 @@ class _TermSelection:
             fast = (np.arange(C) >= k).astype(float)
             # All samples are predicted, also the slow ones that are left out of the fit.
             folds = Folds((1.0 - eye)[:, :, None] * fast, eye[:, :, None] * np.ones(C), np.arange(F))
-            columns_used = range(len(joint_search.columns))
-            errors.append(try_groups(candidates, folds, columns_used, ()).before)
+            errors.append(try_groups(candidates, folds, range(len(joint_search.columns)), ()).before)
         gains = [gain_share(errors[0] - error, errors[0]) for error in errors]
-        best = int(np.argmax([gain for gain, _ in gains]))
-        gain, std = gains[best]
-        return TRIAL_SPEEDS[best - 1] * self.excitations[j].speed if best and gain > max(std, 0.5) else 0.0
+        best, (gain, std) = max(enumerate(gains), key=lambda pair: pair[1][0])
+        is_sure = best > 0 and gain > max(MIN_STRICT_GAIN_ERRORS * std, 0.5)
+        return TRIAL_SPEEDS[best - 1] * self.excitations[j].speed if is_sure else 0.0

@@ -22,6 +22,7 @@ BLOCKS = 16  # of time, of all motions together; at least one of each motion
 FAST_QUANTILE, OUTER_QUANTILE = 0.6, 0.7
 N_CLASSES = 4  # slow inner, slow outer, fast inner, fast outer
 MAX_GAP_SHARE = 1 / 8  # of a block at most
+MIN_RETURN_SHARE = 0.02  # of the squared speed of a joint: with less against its main way, friction is like an offset
 
 
 class TermSamples(Noun):
@@ -84,6 +85,12 @@ class TermSamples(Noun):
             if self.of_block[self.block[border]] == self.of_block[self.block[border - 1]]:
                 is_inner[max(border - gap, 0) : border + gap] = False
         return is_inner
+
+    def moves_both_ways(self, j: int) -> bool:
+        """Return whether a joint moves both ways where its torque is fitted."""
+        dq = self.states["dq"][self.keep[:, j], j]
+        forth, back = (float(np.square(dq[way]).sum()) for way in (dq > 0, dq < 0))
+        return min(forth, back) > MIN_RETURN_SHARE * (forth + back)
 
     def classes(self, j: int) -> NDArray[np.intp]:
         """Return the class (N) of each sample of a joint, by speed and distance from the middle."""

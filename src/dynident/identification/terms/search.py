@@ -255,6 +255,14 @@ class JointSearch:
                 self.entered = alternative.entered
                 self.trials |= alternative.trials
 
+    def keep_dry_friction(self, candidates: CandidateGrams) -> None:
+        """Keep Coulomb friction in its first size where no dry friction has entered."""
+        # One way, Coulomb friction and offset are one column: without the first, all of it would be the offset.
+        if not any(entry.group.kind.dry for entry in self.entered):
+            for entry in self.entries(("coulomb",)):
+                self.trials["coulomb"] = replace(self._without(candidates, entry), outcome=TrialOutcome.KEPT)
+                self.entered.append(entry)
+
     def errors(self, candidates: CandidateGrams) -> Array:
         """Return the squared errors (F) of the blocks with the columns that have entered."""
         return try_groups(candidates, self.division.blocks, self.columns, ()).before

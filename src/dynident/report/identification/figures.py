@@ -43,7 +43,7 @@ HOUR, MIN_HOURS_AXIS = 3600.0, 7200.0  # s
 
 OUTCOME_COLOURS = {
     TrialOutcome.ENTERED: GREEN, TrialOutcome.TOO_SMALL: INK, TrialOutcome.WITHIN_ERROR: AMBER,
-    TrialOutcome.NOT_EXCITED: INK,
+    TrialOutcome.NOT_EXCITED: INK, TrialOutcome.KEPT: GREEN,
 }  # fmt: skip
 # %, between which the axis ends; and its lower end, relative to the upper one
 MIN_UPPER_END, MAX_UPPER_END, MAX_LOWER_RATIO = 5.0, 105.0, 0.6

@@ -29,6 +29,7 @@ OUTCOMES: Mapping[TrialOutcome, str] = {
     TrialOutcome.NEGATIVE: "refused: its coefficient would be negative",
     TrialOutcome.NOT_EXCITED: "refused: the data do not show it",
     TrialOutcome.REDUNDANT: "taken out again: the others do its work",
+    TrialOutcome.KEPT: "kept: the joint moves one way only, which does not tell it from an offset",
 }
 _LEAD = (
     "The terms of each joint were chosen by cross-validation on the training logs. The gain is the share of the "

@@ -143,7 +143,11 @@ class _TermSelection:
 
     def _fit_plain_set(self) -> None:
         """Fit the plain set for the weights, the correlation length of the residual and the first load."""
-        plain = [self._plain_columns(j) for j in range(len(self.rows))]
+        kinds, loads = [kind for kind in KINDS if kind.name in PLAIN_KINDS], self.samples.loads(None)
+        plain = [
+            np.concatenate([columns_of(self.samples, kind.sizes(excitation)[0], j, loads) for kind in kinds])
+            for j, excitation in enumerate(self.excitations)
+        ]
         # Twice: the correlation length needs weights, and the prior needs the number of independent samples.
         for _ in range(2):
             residuals = self._refit(plain)
@@ -152,12 +156,6 @@ class _TermSelection:
         inside = self.samples.is_inside(2 * int(self.independent))
         # Gaps between blocks as wide as the residual correlates, so that a fold does not predict its own noise.
         self.block = np.where(inside, self.samples.block, -1)
-
-    def _plain_columns(self, j: int) -> Array:
-        """Return the columns (m, N) of offset, viscous and Coulomb friction of a joint."""
-        kinds = [kind for kind in KINDS if kind.name in PLAIN_KINDS]
-        terms = [kind.sizes(self.excitations[j])[0] for kind in kinds]
-        return np.concatenate([columns_of(self.samples, term, j, self.samples.loads(None)) for term in terms])
 
     def _refit(self, used_columns: Sequence[Array]) -> list[Array]:
         """Fit all joints with their columns (m, N); set theta and weights, and return the residuals (N)."""

@@ -75,7 +75,7 @@ class TermKind(StrEnum):
     )
     SATURATION = (
         "torque that saturates",
-        "saturation that lowers the torque by this share at its rms,",
+        "saturation that lowers a torque of the usual size (rms) by this share,",
         "Check whether the drive saturates, and how torque was computed from current.",
     )
     COUPLED = "coupled motor", "a motor that turns with both joints", "Add it to `couplings` of the model."

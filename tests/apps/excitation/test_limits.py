@@ -1,6 +1,7 @@
 """Limits of a motion, from the file, as given or by rule, and what an arm may do within them."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from dynident.apps.excitation import JointLimits, min_fit_speeds, motion_limits
 from dynident.apps.excitation.limits import ACCELERATION_TIME, JERK_TIME
 from dynident.apps.excitation.way import Quintic, rest_state
 from dynident.models import Model, RigidBodies
-from dynident.models.friction import Coulomb
+from dynident.models.friction import Coulomb, LoadCoulomb
 from dynident.runtime import ConfigError, ModelError
 from tests.apps.excitation.arms import AROUND, FREE, LIMITS, MODEL, THETA, Post
 from tests.robots import ARM, ARM_MJCF, GRIPPER, joint, link, urdf
@@ -118,11 +119,11 @@ def test_units_and_order_are_those_of_the_joints():
     assert motion_limits(Model((bodies,)), speeds, 0.0).velocity.tolist() == [2.0, 2.0, 3.0]
 
 
-@pytest.mark.parametrize("width", [0.0, 0.05])
-def test_only_dry_friction_holds_a_joint(width):
+@pytest.mark.parametrize("friction", [Coulomb, partial(Coulomb, width=0.05), LoadCoulomb])
+def test_only_dry_friction_holds_a_joint(friction):
     np.testing.assert_allclose(min_fit_speeds(MODEL, LIMITS), 0.03 * LIMITS.velocity)
     bodies, *_ = MODEL.terms
-    one = Model((bodies, Coulomb(bodies.joints, on=("bend",), width=width)), name="x")
+    one = Model((bodies, friction(bodies.joints, on=("bend",))), name="x")
     np.testing.assert_allclose(min_fit_speeds(one, LIMITS), [0.0, 0.03 * LIMITS.velocity[1]])
     np.testing.assert_array_equal(min_fit_speeds(Model((bodies,), name="x"), LIMITS), 0.0)
 

@@ -261,7 +261,8 @@ def min_fit_speeds(model: Model, limits: MotionLimits) -> Array:
     has_friction = np.zeros(len(limits.joints), dtype=bool)
     # a term rubs where it acts on a joint that moves at its velocity limit
     for term in (candidate for candidate in model.terms if candidate.has_own("discontinuous")):
-        has_friction |= term.regressor(*state).any(axis=(0, 2))
+        load = (np.ones((1, term.memory)),) if term.memory else ()  # any but zero
+        has_friction |= term.regressor(*state, *load).any(axis=(0, 2))
     return np.where(has_friction & np.isfinite(limits.velocity), MIN_SPEED_SHARE * limits.velocity, 0.0)
 
 

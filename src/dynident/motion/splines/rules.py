@@ -56,7 +56,7 @@ class Constraint(Rule):
             raise ConfigError(f"S is {S}; it must be a finite number >= 0 (S = n with the right sigma).")
         if S == 0:
             return _interpolation(series)
-        target = S * series.noise**2
+        target = S * (series.noise * series.noise)
         if series.straight_rss <= target or series.is_straight:
             return series.straight_solution()
         return (yield from search_constraint(series, target))

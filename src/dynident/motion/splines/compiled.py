@@ -302,18 +302,19 @@ def spline_values(
     return values, c
 
 
-def fit_to_sum(t: Array, y: Array, sigma: float, S: float) -> tuple[Array, Array, Array] | None:
-    """Return values (N), c (N) and the figures p, lam, S, sigma, residual and accuracy of a spline with this S.
+def fit_single(t: Array, y: Array, rule: int, setting: float, sigma: float) -> tuple[Array, Array, Array] | None:
+    """Return values (N), c (N) and the figures p, lam, S, sigma, residual and accuracy of the spline of one series.
 
-    ``t`` and ``y`` (N) are float64. None where there is no kernel, or where this is left to the search: for long data,
-    data that cannot be smoothed, straight lines.
+    ``t`` and ``y`` (N) are float64; ``rule`` 0: with the sum S = ``setting``, 1: with p = ``setting``, 2: by GCV. A
+    ``sigma`` of 0 is estimated. None where there is no kernel, or where this is left to the searches for several: for
+    long data, data that cannot be smoothed, straight lines.
     """
-    call = function("spline_fit", c_int64, c_void_p, c_void_p, c_double, c_double, *(c_void_p,) * 4, result=c_int32)
-    n = len(t)
+    types = c_int64, *(c_void_p,) * 2, c_int32, *(c_double,) * 2, *(c_void_p,) * 4
+    call, n = function("spline_fit", *types, result=c_int32), len(t)
     if call is None or not 4 <= n < 4 * CHUNK_SAMPLES or not (t.flags.c_contiguous and y.flags.c_contiguous):
         return None
     values, c, figures, work = np.empty(n), np.empty(n), np.empty(6), np.empty(7 * n)
-    done = call(n, _address(t), _address(y), sigma, S, *map(_address, (work, values, c, figures)))
+    done = call(n, _address(t), _address(y), rule, setting, sigma, *map(_address, (work, values, c, figures)))
     return (values, c, figures) if done else None
 
 

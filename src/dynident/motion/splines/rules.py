@@ -120,6 +120,17 @@ class REML(Rule):
         return (yield from search_minimum(series, reml_criterion))
 
 
+def kernel_setting(rule: Rule, samples: int) -> tuple[int, float] | None:
+    """Return the number and the setting by which ``compiled.fit_single`` has a rule; None where it has not."""
+    if type(rule) is GCV:
+        return 2, 0.0
+    if type(rule) is Constraint and isinstance(rule.S, float | int | None):
+        return 0, samples if rule.S is None else rule.S
+    if type(rule) is Fixed and isinstance(rule.p, float | int):
+        return 1, rule.p
+    return (1, 0.5 / rule.lam) if type(rule) is Fixed and isinstance(rule.lam, float | int) and rule.lam else None
+
+
 def check_columns(rule: Rule, columns: int) -> None:
     """Raise ConfigError where a setting of the rule has entries for more columns than there are."""
     for name in ("S", "p", "lam"):

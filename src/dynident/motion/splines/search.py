@@ -257,7 +257,7 @@ def search_minimum(series: ScaledSeries, criterion: Criterion) -> SplineSearch:
         x, bracket = yield from _bracket(series, criterion, x, (points[0][0], points[-1][0]))
     if bracket is not None:
         x = yield from _zero_slope(series, criterion, *bracket)
-    return (yield from once(series, float(np.exp(x))))
+    return (yield from once(series, exp(x)))
 
 
 def _points(

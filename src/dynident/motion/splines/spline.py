@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dynident.motion.splines.banded import Grid, IllConditionedError, Solution, System
-from dynident.motion.splines.compiled import BareProblem, column_ranges, fit_to_sum, slopes, spline_values
-from dynident.motion.splines.rules import Constraint, Rule, check_columns
+from dynident.motion.splines.compiled import BareProblem, column_ranges, fit_single, slopes, spline_values
+from dynident.motion.splines.rules import Constraint, Rule, check_columns, kernel_setting
 from dynident.motion.splines.search import SplineSearch, once, run_searches
 from dynident.motion.splines.series import ScaledSeries, noise_sigma
 from dynident.runtime import ConfigError, InputError, Noun
@@ -178,7 +178,7 @@ def smooth(
     at 5 s: -0.96, its second derivative 0.96
     """
     rule = Constraint() if rule is None else rule
-    if weights is None and type(rule) is Constraint and (fit := _fit_single(t, y, rule.S, sigma)) is not None:
+    if weights is None and (fit := _fit_single(t, y, rule, sigma)) is not None:
         return fit
     time, step, data, low, high = prepare_data(t, y)
     columns = np.ascontiguousarray(data.reshape(len(time), -1))
@@ -194,14 +194,17 @@ def smooth(
     return _collect(time, data, series, solved, scale, weight)
 
 
-def _fit_single(t: ArrayLike, y: ArrayLike, S: Any, sigma: Any) -> SmoothingSpline | None:
+def _fit_single(t: ArrayLike, y: ArrayLike, rule: Rule, sigma: Any) -> SmoothingSpline | None:
     """Fit a single series in one call of the kernel; None where that cannot be done, and why is not said."""
     time, data = np.array(t, dtype=float), np.asarray(y, dtype=float)
-    if not isinstance(sigma, float | int) or not isinstance(S, float | int | None) or time.ndim != 1:
+    if time.ndim != 1 or data.ndim not in (1, 2) or len(data) != len(time) or data.size != len(time):
         return None
-    if data.ndim not in (1, 2) or len(data) != len(time) or data.size != len(time):
+    if sigma is None:
+        sigma = 0.0 if rule.needs_sigma else 1.0
+    elif not isinstance(sigma, float | int) or not sigma > 0:
         return None
-    fit = fit_to_sum(time, data, sigma, float(len(time)) if S is None else S)
+    setting = kernel_setting(rule, len(time))
+    fit = None if setting is None else fit_single(time, data, *setting, sigma)
     if fit is None:
         return None
     values, c, figures = fit
@@ -320,7 +323,10 @@ def _collect(
             values[:, k] = columns[:, k] - size[k] * (series[k].y - series[k].line())
     p = [column.p * column_series.p_scale for column_series, column in zip(series, solved, strict=True)]
     lam = [0.5 / value if value else np.inf for value in p]
-    S = [column.rss / (column_series.noise * column_series.noise) for column_series, column in zip(series, solved, strict=True)]
+    S = [
+        column.rss / (column_series.noise * column_series.noise)
+        for column_series, column in zip(series, solved, strict=True)
+    ]
     accuracy = [column_series.accuracy(column) for column_series, column in zip(series, solved, strict=True)]
     figures: list[Any] = [np.array(x) for x in (p, lam, S, sigma, [column.residual for column in solved], accuracy)]
     if data.ndim == 1:

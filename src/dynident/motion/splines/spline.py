@@ -196,21 +196,21 @@ def smooth(
 
 def _fit_single(t: ArrayLike, y: ArrayLike, rule: Rule, sigma: Any) -> SmoothingSpline | None:
     """Fit a single series in one call of the kernel; None where that cannot be done, and why is not said."""
-    time, data = np.array(t, dtype=float), np.asarray(y, dtype=float)
-    if time.ndim != 1 or data.ndim not in (1, 2) or len(data) != len(time) or data.size != len(time):
+    time, data = np.asarray(t, dtype=float), np.asarray(y, dtype=float)
+    if time.ndim != 1 or data.shape not in {(len(time),), (len(time), 1)}:
         return None
     if sigma is None:
         sigma = 0.0 if rule.needs_sigma else 1.0
     elif not isinstance(sigma, float | int) or not sigma > 0:
         return None
     setting = kernel_setting(rule, len(time))
-    fit = None if setting is None else fit_single(time, data, *setting, sigma)
+    fit = None if setting is None else fit_single(*map(np.ascontiguousarray, (time, data)), *setting, sigma)
     if fit is None:
         return None
     values, c, figures = fit
     if data.ndim == 1:
-        return SmoothingSpline(time, values, c, *figures)
-    return SmoothingSpline(time, values[:, None], c[:, None], *figures[:, None])
+        return SmoothingSpline(time.copy(), values, c, *figures)
+    return SmoothingSpline(time.copy(), values[:, None], c[:, None], *figures[:, None])
 
 
 def prepare_data(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Array, list[float], list[float]]:

@@ -201,8 +201,8 @@ def test_which_single_series_the_kernel_fits() -> None:
                 assert compiled.fit_single(column, y, rule, setting, 0.01) is None
         for times in (t[::-1].copy(), np.repeat(t[::2], 2), 1e150 * t):
             assert compiled.fit_single(times, y, rule, setting, 0.01) is None
-        for values in (y[::2], np.zeros(50), 1e150 * y):
-            assert compiled.fit_single(t[: len(values)], values, rule, setting, 0.01) is None
+        for values in (np.zeros(50), 1e150 * y):
+            assert compiled.fit_single(t, values, rule, setting, 0.01) is None
         for sigma in (1e-200, 1e200, -1.0, np.nan):
             assert compiled.fit_single(t, y, rule, setting, sigma) is None
         assert compiled.fit_single(t[:3], y[:3], rule, setting, 0.01) is None

@@ -112,7 +112,7 @@ class Sensors:
         torque_usable.fill(True)
         values = np.concatenate((q, tau), axis=1)
         all_finite = isfinite(np.vdot(values, values))
-        is_complete = [True] * len(t) if all_finite else np.isfinite(values).all(axis=1).tolist()
+        is_complete = [True] * len(t) if all_finite else [bool(row.all()) for row in np.isfinite(values)]
         for k, (time, x) in enumerate(zip(t.tolist(), values, strict=True)):
             sample_events = self._check_sample(time, x, all_there=is_complete[k])
             rows[k] = is_complete[k] and not self.dead

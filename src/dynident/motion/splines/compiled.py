@@ -305,14 +305,15 @@ def spline_values(
 def fit_single(t: Array, y: Array, rule: int, setting: float, sigma: float) -> tuple[Array, Array, Array] | None:
     """Return values (N), c (N) and the figures p, lam, S, sigma, residual and accuracy of the spline of one series.
 
-    ``t`` and ``y`` (N) are float64; ``rule`` 0: with the sum S = ``setting``, 1: with p = ``setting``, 2: by GCV. A
-    ``sigma`` of 0 is estimated. None where there is no kernel, or where this is left to the searches for several: for
-    long data, data that cannot be smoothed, straight lines.
+    ``t`` (N) and ``y`` (N) or (N, 1) are float64; ``rule`` 0: with the sum S = ``setting``, 1: with p = ``setting``, 2:
+    by GCV. A ``sigma`` of 0 is estimated. None where there is no kernel, or where this is left to the searches for
+    several: for long data, data that cannot be smoothed, straight lines.
     """
     types = c_int64, *(c_void_p,) * 2, c_int32, *(c_double,) * 2, *(c_void_p,) * 4
     call, n = function("spline_fit", *types, result=c_int32), len(t)
-    if call is None or not 4 <= n < 4 * CHUNK_SAMPLES or not (t.flags.c_contiguous and y.flags.c_contiguous):
+    if call is None or not 4 <= n < 4 * CHUNK_SAMPLES:
         return None
+    t, y = np.ascontiguousarray(t), np.ascontiguousarray(y)
     values, c, figures, work = np.empty(n), np.empty(n), np.empty(6), np.empty(7 * n)
     done = call(n, _address(t), _address(y), rule, setting, sigma, *map(_address, (work, values, c, figures)))
     return (values, c, figures) if done else None

@@ -204,7 +204,7 @@ def _fit_single(t: ArrayLike, y: ArrayLike, rule: Rule, sigma: Any) -> Smoothing
     elif not isinstance(sigma, float | int) or not sigma > 0:
         return None
     setting = kernel_setting(rule, len(time))
-    fit = None if setting is None else fit_single(*map(np.ascontiguousarray, (time, data)), *setting, sigma)
+    fit = None if setting is None else fit_single(time, data, *setting, sigma)
     if fit is None:
         return None
     values, c, figures = fit

@@ -156,7 +156,7 @@ class Watcher:
 
     def _take_in_order(self, t: Array, q: Array, tau: Array) -> list[Event]:
         """Take samples in the order of time; end the motion at gaps, and where the clock was set back."""
-        events, kept = list[Event](), list[int]()
+        events, indices = list[Event](), list[int]()
         for k, time in enumerate(t.tolist()):
             if not abs(time) <= MAX_TIME:
                 continue
@@ -168,8 +168,8 @@ class Watcher:
                     continue
             # a gap or a new clock ends the motion: what is before it is used, unless the clock is new
             if self._back >= CLOCK_RESET_SAMPLES or step > MAX_STEP_RATIO * self._step:
-                events += [*self._take_checked(t[kept], q[kept], tau[kept]), *self._catch_up()]
-                kept.clear()
+                events += [*self._take_checked(t[indices], q[indices], tau[indices]), *self._catch_up()]
+                indices.clear()
                 if self._back >= CLOCK_RESET_SAMPLES:
                     events.append(ClockReset(time, self._last))
                 elif step > MIN_REPORTED_GAP:
@@ -186,9 +186,9 @@ class Watcher:
                 # running mean of the step, by which gaps are recognised
                 self._step = step if math.isnan(self._step) else self._step + 0.01 * (step - self._step)
             self._last, self._back, self._replay = time, 0, False
-            kept.append(k)
-        if len(kept) < len(t):
-            t, q, tau = t[kept], q[kept], tau[kept]
+            indices.append(k)
+        if len(indices) < len(t):
+            t, q, tau = t[indices], q[indices], tau[indices]
         return events + self._take_checked(t, q, tau)
 
     def _take_checked(self, t: Array, q: Array, tau: Array) -> list[Event]:
@@ -329,8 +329,8 @@ class Watcher:
 
     def _take_held(self, count: int) -> tuple[Array, ...]:
         """Return the first of the held samples, which are held no longer."""
-        held, self._parts = self._held, [tuple(x[count:] for x in self._held)]
-        return tuple(x[:count] for x in held)
+        samples, self._parts = self._held, [tuple(x[count:] for x in self._held)]
+        return tuple(x[:count] for x in samples)
 
     def _make_tracker(self, smoothing: StreamSmoothing) -> Tracker:
         lag = LAG_BANDWIDTHS * float(smoothing.bandwidth.max()) + 2 * smoothing.step

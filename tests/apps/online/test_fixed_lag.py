@@ -185,6 +185,13 @@ def test_a_single_sample_is_checked_as_several_are() -> None:
     assert end.motion.t[-1] == t[0]
 
 
+def test_single_samples_are_not_returned_later_than_it_says() -> None:
+    log, stream = recording(300), FixedLag(NAMES, StreamSmoothing(STEP, WIDTH), lag=0.1, window=64)
+    returned = [k for k in range(300) if stream.push(log.t[k], log.q[k], log.tau[k])]
+    assert returned[0] + 1 == round(stream.latest / STEP)
+    assert np.diff(returned).tolist() == [64] * (len(returned) - 1)
+
+
 def test_bad_samples_are_refused_whole() -> None:
     log, stream = recording(300), FixedLag(NAMES, StreamSmoothing(STEP, WIDTH))
     stream.push(log.t[:100], log.q[:100], log.tau[:100])

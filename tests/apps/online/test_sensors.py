@@ -151,20 +151,29 @@ def test_a_jump_is_seen_and_a_spike_is_not(velocity: float | None) -> None:
     assert rows.all()
 
 
-def test_samples_may_come_one_by_one_and_the_sensors_be_saved() -> None:
+@pytest.mark.parametrize("size", [1, 7])
+def test_samples_may_come_one_by_one_and_the_sensors_be_saved(size: int) -> None:
     q, tau = recorded()
     q[BEGIN:END, 1] = q[BEGIN, 1]
+    q[300:302, 1] += 0.4
+    q[400:, 0] += 2.0
     tau[500:520, 0] = np.nan
-    whole = Sensors(("one", "two"), (3.0, None)).check(T, q, tau)
-    one, events, rows = Sensors(("one", "two"), (3.0, None)), list[object](), list[bool]()
-    for k in range(0, len(T), 7):
-        part = slice(k, k + 7)
+    together = Sensors(("one", "two"), (3.0, None))
+    whole = together.check(T, q, tau)
+    one, events, rows, usable = Sensors(("one", "two"), (3.0, None)), list[object](), list[bool](), list[list[bool]]()
+    for k in range(0, len(T), size):
+        part = slice(k, k + size)
         found = one.check(T[part], q[part], tau[part])
         events += found.events
         rows += found.rows.tolist()
+        usable += found.torque_usable.tolist()
+        assert found.is_plain == (found.rows.all() and found.torque_usable.all() and not found.events)
         if k % 70 == 0:
             other = Sensors(("one", "two"), (3.0, None))
             other.restore(one.state)
             one = other
     assert tuple(events) == whole.events
     assert rows == whole.rows.tolist()
+    assert usable == whole.torque_usable.tolist()
+    for name, value in together.state.items():
+        np.testing.assert_array_equal(value, one.state[name], err_msg=name)

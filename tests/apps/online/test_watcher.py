@@ -103,6 +103,23 @@ def test_it_does_not_matter_how_samples_come_or_whether_the_state_was_saved() ->
     assert len(expected) == 3
 
 
+def test_single_samples_are_watched_as_many_are() -> None:
+    t, q, tau = samples(0, 16)
+    t[1200:] += 2.0
+    q[700, 0], tau[800, 0], t[900], tau[1300:1340, 0] = 1e7, np.inf, np.nan, np.nan
+    whole, one, events = watcher(), watcher(), list[Event]()
+    expected = whole.push(t, q, tau)
+    for k in range(len(t)):
+        events += one.push(t[k : k + 1], q[k : k + 1], tau[k : k + 1])
+    assert [repr(event) for event in events] == [repr(event) for event in expected]
+    assert types(expected) == [Gap, Fault, Back]
+    for name in ("clock", "rest", "deaf", "smoothing"):
+        assert repr(one.state[name]) == repr(whole.state[name]), name
+    for part in ("sensors", "tracker"):
+        for name, value in one.state[part].items():
+            np.testing.assert_array_equal(value, whole.state[part][name], err_msg=name)
+
+
 def test_gaps_and_clocks_that_are_set_back_end_a_motion_and_no_more() -> None:
     one = watcher()
     one.push(*samples(0, 30.3))

@@ -134,7 +134,8 @@ def test_all_levels_give_the_same_bits() -> None:
             found.append([noise_sigma(t, y), noise_sigma(t, y, weights)])
             for rule, weight in product((Constraint(), Fixed(lam=1e-6), GCV(), REML()), (None, weights)):
                 fit = smooth(t, y, rule, sigma=0.01, weights=weight)
-                found[-1] += [fit.values, fit.c, fit.derivative(1), fit.p, fit.edf, fit.S]
+                alone = smooth(t, y[:, 0], rule, sigma=0.01)
+                found[-1] += [fit.values, fit.c, fit.derivative(1), fit.p, fit.edf, fit.S, alone.c, alone.p]
     for one, other in product(found[:1], found[1:]):
         for first, second in zip(one, other, strict=True):
             np.testing.assert_array_equal(first, second)
@@ -154,6 +155,62 @@ def test_splines_are_those_of_lapack(rule: Any, weighted: bool, columns: int) ->
         with kernel_level("off"):
             expected = smooth(t, y, rule, sigma=0.02, weights=weights)
             assert_same(found, expected)
+
+
+FIGURES = ("values", "c", "p", "lam", "S", "sigma", "residual", "accuracy")
+
+
+@compiled_only
+@settings(max_examples=60, deadline=None)
+@given(
+    n=st.sampled_from([4, 5, 6, 30, 301, 1000]),
+    spread=st.sampled_from([0.0, 0.2, 1.0]),
+    speed=st.floats(-3.0, -0.3),
+    noise=st.floats(-5.0, 1.0),
+    share=st.floats(-1.0, 0.3),
+    known=st.booleans(),
+    seed=st.integers(0, 2**20),
+)
+def test_a_single_series_is_fitted_to_the_same_bits_as_beside_others(
+    n: int, spread: float, speed: float, noise: float, share: float, known: bool, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    x = np.concatenate(([0.0], np.cumsum(steps(n, spread, rng))))
+    y = 3.0 + 1e3 * (np.sin(10**speed * x) + 10**noise * rng.standard_normal(n))
+    sigma = 1e3 * 10**noise if known or n < 6 else None
+    for rule in (Constraint(), Constraint(S=n * 10**share), Fixed(p=10**share), Fixed(lam=10**noise), GCV()):
+        together = smooth(0.01 * x - 1.0, np.column_stack([y, y]), rule, sigma=sigma)
+        for shape in ((n,), (n, 1)):
+            alone = smooth(0.01 * x - 1.0, y.reshape(shape), rule, sigma=sigma)
+            for name in FIGURES:
+                first_column = getattr(together, name)[..., :1]
+                expected = first_column if len(shape) == 2 else first_column[..., 0]
+                np.testing.assert_array_equal(getattr(alone, name), expected, err_msg=f"{name} by {rule}", strict=True)
+
+
+@compiled_only
+def test_which_single_series_the_kernel_fits() -> None:
+    t = np.linspace(0.0, 3.0, 50)
+    y = np.sin(3 * t) + 0.01 * np.random.default_rng(0).standard_normal(50)
+    for rule, setting in ((0, 50.0), (1, 1e3), (2, 0.0)):
+        assert compiled.fit_single(t, y, rule, setting, 0.01) is not None
+        for bad in ([y.copy() for _ in range(2)], [t.copy() for _ in range(2)]):
+            bad[0][7], bad[1][7] = np.nan, np.inf
+            for column in bad:
+                assert compiled.fit_single(t, column, rule, setting, 0.01) is None
+                assert compiled.fit_single(column, y, rule, setting, 0.01) is None
+        for times in (t[::-1], np.repeat(t[::2], 2), np.r_[t[:20], t[20:22][::-1], t[22:]], 1e150 * t):
+            assert compiled.fit_single(times, y, rule, setting, 0.01) is None
+        for values in (np.zeros(50), 1e150 * y):
+            assert compiled.fit_single(t, values, rule, setting, 0.01) is None
+        for sigma in (1e-200, 1e200, -1.0, np.nan):
+            assert compiled.fit_single(t, y, rule, setting, sigma) is None
+        assert compiled.fit_single(t[:3], y[:3], rule, setting, 0.01) is None
+    for rule, setting in product((0, 1), (0.0, -1.0, np.inf, np.nan)):
+        assert compiled.fit_single(t, y, rule, setting, 0.01) is None
+    for rule in (0, 2):  # a straight line needs no search
+        assert compiled.fit_single(t, 2 * t, rule, 50.0, 0.01) is None
+    assert compiled.fit_single(t, y, 0, 1e9, 0.01) is None
 
 
 def assert_same(found: SmoothingSpline, expected: SmoothingSpline) -> None:

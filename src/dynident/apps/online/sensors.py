@@ -9,7 +9,8 @@ when that lasts longer than usual while others move, and a caller that has the t
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from math import inf, isfinite
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,23 +33,33 @@ JUMP_SAMPLES = 4  # samples after which a jump is no spike
 MIN_OTHER_MOTION = 0.01  # rad, m: what others move at least while one does not
 AVERAGING_SAMPLES = 500.0  # samples over which what is usual is averaged
 SETTLING_SAMPLES = 50  # samples until something is usual
+MAX_POSITION, MAX_TORQUE = 1e6, 1e9  # rad or m, N m or N: what is larger is no value of a sensor
 FAULT_KINDS = (FaultKind.MISSING, FaultKind.FROZEN, FaultKind.STILL)
 FAULT_NUMBERS = (1, 2, 3)  # of them, by number from one: those without which a sensor says nothing
 
 
-@dataclass(frozen=True)
-class SensorCheck:
+def possible_values(q: Array, tau: Array) -> tuple[Array, Array]:
+    """Return positions and torques (N, n), nan for what is no value: it would drown all others in the sums."""
+    # a sum of squares, nan where a value is, takes a fifth of the time for a single sample
+    if np.vdot(q, q) <= MAX_POSITION**2 and np.vdot(tau, tau) <= MAX_TORQUE**2:
+        return q, tau
+    return np.where(np.abs(q) <= MAX_POSITION, q, np.nan), np.where(np.abs(tau) <= MAX_TORQUE, tau, np.nan)
+
+
+class SensorCheck(NamedTuple):
     """Result of the check of the first N samples.
 
     ``rows`` (N) are those that can be used, by joint with its torque where ``torque_usable`` (N, n), and
     ``events`` are to be reported. The N-th is the last sample, or one where a position is reported as still.
-    ``cuts`` are the rows at which a motion ends: what was not yet used of it is dropped.
+    ``cuts`` are the rows at which a motion ends: what was not yet used of it is dropped. ``is_plain`` where all can
+    be used, and nothing is reported.
     """
 
     rows: NDArray[np.bool_]
     torque_usable: NDArray[np.bool_]
     cuts: tuple[int, ...]
     events: tuple[Event, ...]
+    is_plain: bool = False
 
 
 class Sensors:
@@ -60,7 +71,8 @@ class Sensors:
     def __init__(self, joints: Sequence[str], velocity: Sequence[float | None]) -> None:
         self.joints = tuple(joints)
         self.fastest = np.array([np.inf if v is None else MAX_SPEED_FACTOR * v for v in velocity])
-        self.least = np.where(np.isfinite(self.fastest), self.fastest, 0.0)
+        self.limited = np.isfinite(self.fastest)
+        self.least = np.where(self.limited, self.fastest, 0.0)
         n = 2 * len(self.joints)
         self.seen, self.t, self.path = 0, np.nan, 0.0  # samples, the last stamp, what all positions have moved
         self.value, self.step = np.full(n, np.nan), np.zeros(n)
@@ -89,22 +101,25 @@ class Sensors:
             setattr(self, name, saved if isinstance(value, np.ndarray) else type(value)(saved))
 
     def _state_values(self) -> dict[str, Array | float | int]:
-        return {name: value for name, value in vars(self).items() if name not in ("joints", "fastest", "least")}
+        return {
+            name: value for name, value in vars(self).items() if name not in ("joints", "fastest", "limited", "least")
+        }
 
     def check(self, t: Array, q: Array, tau: Array) -> SensorCheck:
         """Check samples: t (N) s, increasing; q and tau (N, n), nan where there is no number."""
         n, cuts, events = len(self.joints), list[int](), list[Event]()
-        rows, torque_usable = np.zeros(len(t), dtype=bool), np.ones((len(t), n), dtype=bool)
-        values = np.concatenate([q, tau], axis=1)
-        is_finite = np.isfinite(values)
-        is_complete = is_finite.all(axis=1)
+        rows, torque_usable = np.empty(len(t), dtype=bool), np.empty((len(t), n), dtype=bool)
+        torque_usable.fill(True)
+        values = np.concatenate((q, tau), axis=1)
+        all_finite = isfinite(np.vdot(values, values))
+        is_complete = [True] * len(t) if all_finite else [bool(row.all()) for row in np.isfinite(values)]
         for k, (time, x) in enumerate(zip(t.tolist(), values, strict=True)):
-            sample_events = self._check_sample(time, x, all_there=bool(is_complete[k]))
+            sample_events = self._check_sample(time, x, all_there=is_complete[k])
             rows[k] = is_complete[k] and not self.dead
             # the torque of a joint may fail alone: its other columns can still be used
             if self.faulty and not self.dead:
-                torque_usable[k] = ~np.isin(self.fault[n:], FAULT_NUMBERS)
-                rows[k] = is_finite[k, :n].all() and is_finite[k, n:][torque_usable[k]].all()
+                is_finite, torque_usable[k] = np.isfinite(x), ~np.isin(self.fault[n:], FAULT_NUMBERS)
+                rows[k] = is_finite[:n].all() and is_finite[n:][torque_usable[k]].all()
             if sample_events:
                 events += sample_events
                 failed = [fault for fault in sample_events if isinstance(fault, Fault)]
@@ -114,13 +129,16 @@ class Sensors:
                 # that
                 if any(fault.kind is FaultKind.STILL for fault in faults):
                     return SensorCheck(rows[: k + 1], torque_usable[: k + 1], tuple(cuts), tuple(events))
-        return SensorCheck(rows, torque_usable, tuple(cuts), tuple(events))
+        is_plain = all_finite and not events and not self.faulty
+        return SensorCheck(rows, torque_usable, tuple(cuts), tuple(events), is_plain)
 
     @property
     def doubtful_since(self) -> float:
         """Time (s) since which values do not change that may still turn out to be a fault; infinite without such."""
+        if not self.held:
+            return inf
         is_held = (self.run > 0) & (self.alive > 0) & (self.fault == 0) & (self.excused == 0)
-        return float(self.since[is_held].min(initial=np.inf))
+        return float(self.since[is_held].min(initial=inf))
 
     def excuse(self, joint: str) -> None:
         """Take back that a position is still: the joint rests."""
@@ -158,12 +176,12 @@ class Sensors:
     def _check_changes(self, t: float, x: Array) -> Iterator[Event]:
         n, d = len(self.joints), x - self.value
         is_same = d == 0
-        if is_same.any() or self.held:
+        if self.held or np.count_nonzero(is_same):
             self._update_runs(t, is_same, d)
         self._update_usual(d, is_same)
         size = np.abs(d[:n])
-        if self.leaps or (size > self.least * (t - self.t)).any():
-            yield from self._check_jumps(t, x, d)
+        if self.leaps or np.count_nonzero(size > self.least * (t - self.t)):
+            yield from self._check_jumps(t, x, d, size)
         self.run = np.where(is_same, self.run + 1, 0.0) if self.held else self.run
         self.path += float(size.sum())
         if self.held and self.seen > SETTLING_SAMPLES and self.run.max() >= FROZEN_SAMPLES:
@@ -193,17 +211,26 @@ class Sensors:
 
     def _update_usual(self, d: Array, is_same: NDArray[np.bool_]) -> None:
         """Add a step to the usual ones; an outlier only counts as far as it would be usual."""
-        square = (d - self.step) ** 2
+        step = d - self.step
+        step *= step
         if self.seen > SETTLING_SAMPLES:
             # a sample that stands out counts as three usual deviations at most
-            square = np.minimum(square, 9 * self.bend)
-        step = (square - self.bend) / min(self.seen + 1.0, AVERAGING_SAMPLES)
+            np.minimum(step, 9 * self.bend, out=step)
+        step -= self.bend
+        step /= min(self.seen + 1.0, AVERAGING_SAMPLES)
         self.bend = self.bend + (np.where(is_same & (self.run > 0), 0.0, step) if self.held else step)
 
-    def _check_jumps(self, t: float, x: Array, d: Array) -> Iterator[Event]:
-        n, size = len(self.joints), np.abs(d[: len(self.joints)])
-        last = np.where(self.run[:n] > 0, self.since[:n], self.t)
-        limit = np.where(np.isfinite(self.fastest), self.fastest * (t - last), MAX_STEP_FACTOR * self.pace)
+    def _check_jumps(self, t: float, x: Array, d: Array, size: Array) -> Iterator[Event]:
+        n, last = (
+            len(size),
+            np.where(self.run[: len(size)] > 0, self.since[: len(size)], self.t) if self.held else self.t,
+        )
+        limit = np.where(self.limited, self.fastest * (t - last), MAX_STEP_FACTOR * self.pace)
+        decayed_pace = self.pace * (1 - 1 / AVERAGING_SAMPLES)
+        if not self.leaps and not np.count_nonzero(size > limit):  # as nearly always: no more is to be noted
+            self.moved += size > 0
+            self.pace = np.maximum(size, decayed_pace)
+            return
         limit = np.maximum(limit, ABRUPT_STOP_RATIO * np.sqrt(self.bend[:n]))
         # the samples since a suspected jump are counted: a spike returns, a jump stays
         samples_since, self.jumped = self.jumped, np.where(self.jumped > 0, self.jumped + 1, 0.0)
@@ -212,7 +239,7 @@ class Sensors:
                 time, leap = float(self.left_at[k]), float(self.leap[k])
                 yield Fault(t, FaultKind.JUMP, Signal.POSITION, self.joints[k], time, leap)
         self.jumped[self.jumped >= JUMP_SAMPLES] = 0.0
-        has_limit = np.isfinite(self.fastest) | (self.moved > SETTLING_SAMPLES)
+        has_limit = self.limited | (self.moved > SETTLING_SAMPLES)
         new = (size > limit) & has_limit & (self.seen > SETTLING_SAMPLES) & (samples_since == 0) & (self.fault[:n] == 0)
         # a jump needs a known limit, a settled channel, and none under way
         self.jumped[new] = 1.0
@@ -220,7 +247,7 @@ class Sensors:
         self.leap, self.leaps = np.where(new, d[:n], self.leap), bool(self.jumped.any())
         usual = np.where(has_limit, np.minimum(size, limit), size)
         self.moved += size > 0
-        self.pace = np.maximum(np.where(samples_since > 0, 0.0, usual), self.pace * (1 - 1 / AVERAGING_SAMPLES))
+        self.pace = np.maximum(np.where(samples_since > 0, 0.0, usual), decayed_pace)
 
     def _check_frozen(self, t: float) -> Iterator[Event]:
         n, hold_time = len(self.joints), t - self.since

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from dynident.apps.online.detector import (
 )
 from dynident.apps.online.fixed_lag import StreamSmoothing
 from dynident.apps.online.scores import Gram, Scorer
-from dynident.apps.online.sensors import Sensors
+from dynident.apps.online.sensors import Sensors, possible_values
 from dynident.apps.online.tracker import MotionBlock, Tracker, smoothing_steps
 from dynident.identification import Identification
 from dynident.motion.log import Log
@@ -46,7 +47,6 @@ MIN_REPORTED_GAP = 1.0  # s without a sample that are said
 MAX_STEP_RATIO = 12.0  # usual steps: a longer one ends a motion
 BATCH_SAMPLES = 256  # samples that are looked at together
 MIN_REPORTED_REST = 300.0  # s without a block of motion that are said
-MAX_POSITION, MAX_TORQUE = 1e6, 1e9  # rad or m, N m or N: what is larger is no value of a sensor
 MAX_TIME, MIN_STEP = 1e11, 1e-6  # s: stamps are within, and further apart
 GAP_STEP_GROWTH = 1.1  # of the usual step at a gap: after many in a row it was another
 FILTER_MARGIN = 0.5  # s beside a torque that cannot be used, by filters
@@ -105,7 +105,7 @@ class Watcher:
         self._tracker: Tracker | None = None
         self._smoothing: StreamSmoothing | None = None
         self._known: Knowledge = self._detector.start()
-        self._held = self._empty_samples()  # samples that wait: of the first seconds, until they are worked off
+        self._parts = [self._empty_samples()]  # that wait; of single samples, until they are joined
         self._estimation: Generator[None, None, StreamSmoothing] | None = None  # of the smoothing; begun anew if lost
         self._gram, self._span = self._scorer.empty_gram, (math.nan, math.nan, 0)
         self._waiting = tuple[WaitingBlock, ...]()  # complete blocks of which a sensor may still be doubted
@@ -141,18 +141,13 @@ class Watcher:
         The events do not depend on how many samples are given at a time, but their delay does. Raises InputError
         for shapes that do not fit.
         """
-        time, x, y = (np.asarray(signal, dtype=float) for signal in (t, q, tau))
+        time, x, y = np.asarray(t, dtype=float), np.asarray(q, dtype=float), np.asarray(tau, dtype=float)
         if x.shape != (len(time), len(self.joints)) or y.shape != x.shape:
             raise InputError(f"samples: {time.shape} stamps, {x.shape} positions, {y.shape} torques do not match.")
         events = list[Event]()
         for k in range(0, len(time), BATCH_SAMPLES):
             rows = slice(k, k + BATCH_SAMPLES)
-            # a number that is no value would drown all others in the sums
-            positions, torques = (
-                np.where(np.abs(signal[rows]) <= limit, signal[rows], np.nan)
-                for signal, limit in ((x, MAX_POSITION), (y, MAX_TORQUE))
-            )
-            events += self._take_in_order(time[rows], positions, torques)
+            events += self._take_in_order(time[rows], *possible_values(x[rows], y[rows]))
         return tuple(events)
 
     def resume_by_replay(self) -> None:
@@ -161,23 +156,20 @@ class Watcher:
 
     def _take_in_order(self, t: Array, q: Array, tau: Array) -> list[Event]:
         """Take samples in the order of time; end the motion at gaps, and where the clock was set back."""
-        events, start = list[Event](), 0
-        keep = np.ones(len(t), dtype=bool)
+        events, indices = list[Event](), list[int]()
         for k, time in enumerate(t.tolist()):
             if not abs(time) <= MAX_TIME:
-                keep[k] = False
                 continue
             step = time - self._last
             if step < MIN_STEP:
                 # single samples of an earlier time are dropped; several in a row mean that the clock was set back
                 self._back += not self._replay and step < 0
                 if self._back < CLOCK_RESET_SAMPLES:
-                    keep[k] = False
                     continue
             # a gap or a new clock ends the motion: what is before it is used, unless the clock is new
             if self._back >= CLOCK_RESET_SAMPLES or step > MAX_STEP_RATIO * self._step:
-                before = np.flatnonzero(keep[:k])[np.count_nonzero(keep[:start]) :]
-                events += [*self._take_checked(t[before], q[before], tau[before]), *self._catch_up()]
+                events += [*self._take_checked(t[indices], q[indices], tau[indices]), *self._catch_up()]
+                indices.clear()
                 if self._back >= CLOCK_RESET_SAMPLES:
                     events.append(ClockReset(time, self._last))
                 elif step > MIN_REPORTED_GAP:
@@ -190,13 +182,14 @@ class Watcher:
                     self._deaf = {j: (-math.inf, stop) for j, (_, stop) in self._deaf.items() if stop == math.inf}
                     if self._smoothing is not None:
                         self._tracker = self._make_tracker(self._smoothing)  # its stamps may only increase
-                start = k
             elif not math.isnan(step):
                 # running mean of the step, by which gaps are recognised
                 self._step = step if math.isnan(self._step) else self._step + 0.01 * (step - self._step)
             self._last, self._back, self._replay = time, 0, False
-        keep = keep[start:]
-        return events + self._take_checked(t[start:][keep], q[start:][keep], tau[start:][keep])
+            indices.append(k)
+        if len(indices) < len(t):
+            t, q, tau = t[indices], q[indices], tau[indices]
+        return events + self._take_checked(t, q, tau)
 
     def _take_checked(self, t: Array, q: Array, tau: Array) -> list[Event]:
         """Take samples without gaps, and leave out those of sensors that fail."""
@@ -205,6 +198,9 @@ class Watcher:
             self._moved = float(t[0])
         while len(t):
             check = self._sensors.check(t, q, tau)
+            if check.is_plain:
+                events += [*self._take_motion(t, q, tau), *self._release_blocks()]
+                break
             n, start, torque = len(check.rows), 0, np.where(check.torque_usable, tau[: len(check.rows)], 0.0)
             sensor_events = list(check.events)
             for stop in (*check.cuts, n):
@@ -250,9 +246,9 @@ class Watcher:
 
     def _release_blocks(self) -> list[Event]:
         """Pass the blocks to the detector of which no sensor is in doubt."""
-        events, sure = list[Event](), self._sensors.doubtful_since
+        events = list[Event]()
         # a block waits until no sensor is in doubt for its time
-        while self._waiting and self._waiting[0][2] <= sure:
+        while self._waiting and self._waiting[0][2] <= self._sensors.doubtful_since:
             (gram, start, stop, samples), *others = self._waiting
             self._waiting = tuple(others)
             for j, (since, until) in self._deaf.items():
@@ -282,15 +278,16 @@ class Watcher:
             if self._tracker is not None and not self._held[0].size:
                 self._score_blocks(self._tracker.push(t, q, tau))
                 break
+            parts = self._parts = self._parts if self._parts[0][0].size else []
+            first_time, last_time = (float(parts[k][0][k] if parts else t[0]) for k in (0, -1))
             # by their stamps, so that nothing depends on the size of the batches
-            first_time, last_time = (float(self._held[0][k] if self._held[0].size else t[0]) for k in (0, -1))
-            is_due = np.diff(np.floor(t / PORTION_TIME), prepend=np.floor(last_time / PORTION_TIME)) > 0
-            if self._tracker is None:
-                is_due &= t >= first_time + SMOOTHING_TIME
-            count = int(np.argmax(is_due)) + 1 if is_due.any() else len(t)
-            self._held = tuple(np.concatenate([a, x[:count]]) for a, x in zip(self._held, (t, q, tau), strict=True))
+            due_time = first_time + SMOOTHING_TIME if self._tracker is None else -math.inf
+            portions = [(time, math.floor(time / PORTION_TIME)) for time in (last_time, *t.tolist())]
+            is_due = [portion > before and time >= due_time for (_, before), (time, portion) in pairwise(portions)]
+            count = is_due.index(True) + 1 if True in is_due else len(t)
+            parts.append((t[:count].copy(), q[:count].copy(), tau[:count].copy()))
             t, q, tau = t[count:], q[count:], tau[count:]
-            if is_due.any():
+            if True in is_due:
                 events += self._work_off()
         return events
 
@@ -323,10 +320,17 @@ class Watcher:
             return [] if last_reason == str(error) else [Unreadable(float(t[-1]), len(t), str(error))]
         return []
 
+    @property
+    def _held(self) -> tuple[Array, ...]:
+        """Samples that wait: of the first seconds, until they are worked off; joined when they are needed."""
+        if len(self._parts) > 1:
+            self._parts = [tuple(np.concatenate(signals) for signals in zip(*self._parts, strict=True))]
+        return self._parts[0]
+
     def _take_held(self, count: int) -> tuple[Array, ...]:
         """Return the first of the held samples, which are held no longer."""
-        taken, self._held = tuple(x[:count] for x in self._held), tuple(x[count:] for x in self._held)
-        return taken
+        samples, self._parts = self._held, [tuple(x[count:] for x in self._held)]
+        return tuple(x[:count] for x in samples)
 
     def _make_tracker(self, smoothing: StreamSmoothing) -> Tracker:
         lag = LAG_BANDWIDTHS * float(smoothing.bandwidth.max()) + 2 * smoothing.step
@@ -351,7 +355,7 @@ class Watcher:
         """End a motion, and use the rest of it, or drop it together with the current block."""
         blocks = () if self._tracker is None else self._tracker.finish()
         if self._tracker is None:
-            self._held = self._empty_samples()
+            self._parts = [self._empty_samples()]
         if keep_rest:
             self._score_blocks(blocks)
         else:
@@ -367,8 +371,7 @@ class Watcher:
         return (*groups_of(self._found.model, self._scorer.basis), *residual_groups)
 
     def _empty_samples(self) -> tuple[Array, ...]:
-        n = len(self.joints)
-        return np.zeros(0), np.zeros((0, n)), np.zeros((0, n))
+        return np.zeros(0), np.zeros((0, len(self.joints))), np.zeros((0, len(self.joints)))
 
     @property
     def state(self) -> dict[str, Any]:
@@ -385,7 +388,7 @@ class Watcher:
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from a saved state of a watcher of the same result and settings."""
         self._known, self._gram, self._span = state["known"], state["gram"], tuple(state["span"])
-        self._held, self._smoothing, self.threshold = tuple(state["held"]), state["smoothing"], state["threshold"]
+        self._parts, self._smoothing, self.threshold = [tuple(state["held"])], state["smoothing"], state["threshold"]
         self._estimation = None
         self._detector = replace(self._detector, threshold=self.threshold.evidence)
         self._sensors.restore(state["sensors"])

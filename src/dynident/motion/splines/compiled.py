@@ -8,7 +8,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from ctypes import addressof, c_char, c_double, c_int32, c_int64, c_void_p
-from math import isfinite, nan
+from math import isfinite, nan, sqrt
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -25,6 +25,7 @@ FIGURE_COUNT = 8  # that the kernel returns of each series
 SURVEY_LANES = 16  # rows that the kernel looks at side by side
 PIVOTS_PER_PRODUCT = 8  # pivots in a product
 MIN_RESIDUAL_SHARE = 1e-4  # share of the sum of squares from which on what a line leaves may be had by subtraction
+CHUNK_SAMPLES = 4096  # of the middle of long data, from which a search starts
 MAX_CACHED_SIZE, MAX_CACHED_ARRAYS = 2**20, 12  # numbers of the largest work array that is kept, and how many of them
 # numbers of a work array from which on series are refined one after the other, which needs less memory
 MAX_PARALLEL_SIZE = 2**21
@@ -200,7 +201,7 @@ class Solver:
                 message = f"iterative refinement stops at a relative correction of {accuracy**0.5:.1e}"
                 answers.append(FACTORISATION_ERROR if state == 1 else IllConditionedError(message))
             else:
-                answers.append(Solution(p, u[1:-1, k], rss, residual**0.5, accuracy**0.5, norm=square**0.5))
+                answers.append(Solution(p, u[1:-1, k], rss, sqrt(residual), sqrt(accuracy), norm=sqrt(square)))
         return answers
 
 
@@ -269,7 +270,7 @@ def scale_columns(
         square if square > MIN_RESIDUAL_SHARE * total else nan
         for square, total in zip(line_squares, total_squares, strict=True)
     ]
-    return z, [square**0.5 for square in squares], line_rss
+    return z, list(map(sqrt, squares)), line_rss
 
 
 def spline_values(
@@ -299,6 +300,23 @@ def spline_values(
     outputs = _address(units), _address(units) + units.strides[0], _address(values), _address(c)
     call(n, k, *inputs, None if variance is None else _address(variance), *outputs)
     return values, c
+
+
+def fit_single(t: Array, y: Array, rule: int, setting: float, sigma: float) -> tuple[Array, Array, Array] | None:
+    """Return values (N), c (N) and the figures p, lam, S, sigma, residual and accuracy of the spline of one series.
+
+    ``t`` (N) and ``y`` (N) or (N, 1) are float64; ``rule`` 0: with the sum S = ``setting``, 1: with p = ``setting``, 2:
+    by GCV. A ``sigma`` of 0 is estimated. None where there is no kernel, or where this is left to the searches for
+    several: for long data, data that cannot be smoothed, straight lines.
+    """
+    types = c_int64, *(c_void_p,) * 2, c_int32, *(c_double,) * 2, *(c_void_p,) * 4
+    call, n = function("spline_fit", *types, result=c_int32), len(t)
+    if call is None or not 4 <= n < 4 * CHUNK_SAMPLES:
+        return None
+    t, y = np.ascontiguousarray(t), np.ascontiguousarray(y)
+    values, c, figures, work = np.empty(n), np.empty(n), np.empty(6), np.empty(7 * n)
+    done = call(n, _address(t), _address(y), rule, setting, sigma, *map(_address, (work, values, c, figures)))
+    return (values, c, figures) if done else None
 
 
 def roughness(t: Array, columns: Array, weight: Array) -> Array | None:

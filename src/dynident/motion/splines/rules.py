@@ -56,7 +56,7 @@ class Constraint(Rule):
             raise ConfigError(f"S is {S}; it must be a finite number >= 0 (S = n with the right sigma).")
         if S == 0:
             return _interpolation(series)
-        target = S * series.noise**2
+        target = S * (series.noise * series.noise)
         if series.straight_rss <= target or series.is_straight:
             return series.straight_solution()
         return (yield from search_constraint(series, target))
@@ -118,6 +118,17 @@ class REML(Rule):
     def choose(self, series: ScaledSeries, column: int) -> SplineSearch:  # noqa: ARG002
         """Minimise the criterion over log p."""
         return (yield from search_minimum(series, reml_criterion))
+
+
+def kernel_setting(rule: Rule, samples: int) -> tuple[int, float] | None:
+    """Return the number and the setting by which ``compiled.fit_single`` has a rule; None where it has not."""
+    if type(rule) is GCV:
+        return 2, 0.0
+    if type(rule) is Constraint and isinstance(rule.S, float | int | None):
+        return 0, samples if rule.S is None else rule.S
+    if type(rule) is Fixed and isinstance(rule.p, float | int):
+        return 1, rule.p
+    return (1, 0.5 / rule.lam) if type(rule) is Fixed and isinstance(rule.lam, float | int) and rule.lam else None
 
 
 def check_columns(rule: Rule, columns: int) -> None:

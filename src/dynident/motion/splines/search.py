@@ -99,7 +99,7 @@ def _newton(series: ScaledSeries, target: float, p: float, tolerance: float = 1e
     x, refine, may_aim = log(p), False, True
     previous: SearchPoint | None = None
     best: tuple[float, Solution] | None = None
-    noise_ratio = len(series.data) * series.noise**2 / target
+    noise_ratio = len(series.data) * (series.noise * series.noise) / target
     known_slope = (inf, -1.0)  # where the slope was found last, and that
     # unrefined solutions first; near the root refined ones, for which the kernel also corrects p
     for _ in range(200):
@@ -209,10 +209,11 @@ def hermite_root(a: SearchPoint, b: SearchPoint) -> float:
     """Return x(0) of the cubic x(error) through two points (x, error, slope)."""
     h = b[1] - a[1]
     s = -a[1] / h
+    other = 1 - s
     return (
-        a[0] * (1 + 2 * s) * (1 - s) ** 2
+        a[0] * (1 + 2 * s) * (other * other)
         + b[0] * s * s * (3 - 2 * s)
-        + h * (s * (1 - s) ** 2 / a[2] - s * s * (1 - s) / b[2])
+        + h * (s * (other * other) / a[2] - s * s * other / b[2])
     )
 
 
@@ -256,7 +257,7 @@ def search_minimum(series: ScaledSeries, criterion: Criterion) -> SplineSearch:
         x, bracket = yield from _bracket(series, criterion, x, (points[0][0], points[-1][0]))
     if bracket is not None:
         x = yield from _zero_slope(series, criterion, *bracket)
-    return (yield from once(series, float(np.exp(x))))
+    return (yield from once(series, exp(x)))
 
 
 def _points(

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from math import isnan, log2, nan
+from math import isnan, log2, nan, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.motion.splines.banded import EPS, Solution, System
-from dynident.motion.splines.compiled import column_ranges, roughness, scale_columns
+from dynident.motion.splines.compiled import CHUNK_SAMPLES, column_ranges, roughness, scale_columns
 from dynident.runtime import InputError, Noun
 from dynident.runtime.arrays import Array
 
@@ -136,7 +136,6 @@ def grid_step(x: Array) -> float:
     return float(steps.min()) if on_grid else float("nan")
 
 
-CHUNK_SAMPLES = 4096
 ROUNDING_FACTOR = 6.0  # of a slope, its step and the residual, in units of EPS
 
 
@@ -197,7 +196,8 @@ class ScaledSeries(Noun):
     @property
     def p_scale(self) -> float:
         """p of eq. (15) over the scaled p."""
-        return (self.noise * self.size) ** 2 / self.step**3
+        sigma, h = self.noise * self.size, self.step
+        return sigma * sigma / (h * h * h)
 
     def middle_part(self) -> ScaledSeries | None:
         """Return the middle of the data, from which a search may start, or None where the data are short."""
@@ -250,7 +250,7 @@ class ScaledSeries(Noun):
         else:
             min_variance = 1.0 if variance is None else float(variance.min())
             gain = 0.57 * min(solution.p**-0.75 * min_variance**-0.25, (len(step) / 4.73) ** 3 / min_variance)
-            gain *= float(step.max()) ** 0.5
+            gain *= sqrt(step.max())
         size = float(np.sqrt(solution.u @ solution.u)) if isnan(solution.norm) else solution.norm
         return (
             max(solution.accuracy, EPS * (4.0 + ROUNDING_FACTOR * gain * self.slope_norm / size))

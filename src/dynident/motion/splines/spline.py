@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dynident.motion.splines.banded import Grid, IllConditionedError, Solution, System
-from dynident.motion.splines.compiled import BareProblem, column_ranges, slopes, spline_values
-from dynident.motion.splines.rules import Constraint, Rule, check_columns
+from dynident.motion.splines.compiled import BareProblem, column_ranges, fit_single, slopes, spline_values
+from dynident.motion.splines.rules import Constraint, Rule, check_columns, kernel_setting
 from dynident.motion.splines.search import SplineSearch, once, run_searches
 from dynident.motion.splines.series import ScaledSeries, noise_sigma
 from dynident.runtime import ConfigError, InputError, Noun
@@ -53,7 +53,7 @@ class SmoothingSpline(Noun):
         # a line and an interpolating spline have limits of p at which the trace is known
         limits = {0.0: 2.0, np.inf: float(n)}
         out = np.array([limits.get(float(value), np.nan) for value in p])
-        systems, step, variance = _systems(np.diff(self.t), self.weights, len(p))
+        systems, step, variance = _systems(self.t, np.diff(self.t), self.weights, len(p))
         scaled_p = p * step**3 / (np.array(variance) * np.atleast_1d(self.sigma) ** 2)
         pending = [k for k in range(len(p)) if np.isnan(out[k])]
         none = np.zeros(n - 2)
@@ -178,18 +178,39 @@ def smooth(
     at 5 s: -0.96, its second derivative 0.96
     """
     rule = Constraint() if rule is None else rule
+    if weights is None and (fit := _fit_single(t, y, rule, sigma)) is not None:
+        return fit
     time, step, data, low, high = prepare_data(t, y)
     columns = np.ascontiguousarray(data.reshape(len(time), -1))
     k = columns.shape[1]
     check_columns(rule, k)
     weight = _check_weights(weights, columns)
     scale = _column_sigmas(time, columns, weight, sigma, needed=rule.needs_sigma)
-    systems, h, variance = _systems(step, weight, k)
+    systems, h, variance = _systems(time, step, weight, k)
     noise = [a * b**0.5 for a, b in zip(scale.tolist(), variance, strict=True)]
     series = ScaledSeries.of(systems, time, columns, noise, h, low, high)
     column_names = [f"column {j}" for j in range(k)] if names is None else names
     solved = run_searches([_name_errors(rule.choose(column, j), column_names[j]) for j, column in enumerate(series)])
     return _collect(time, data, series, solved, scale, weight)
+
+
+def _fit_single(t: ArrayLike, y: ArrayLike, rule: Rule, sigma: Any) -> SmoothingSpline | None:
+    """Fit a single series in one call of the kernel; None where that cannot be done, and why is not said."""
+    time, data = np.asarray(t, dtype=float), np.asarray(y, dtype=float)
+    if time.ndim != 1 or data.shape not in {(len(time),), (len(time), 1)}:
+        return None
+    if sigma is None:
+        sigma = 0.0 if rule.needs_sigma else 1.0
+    elif not isinstance(sigma, float | int) or not sigma > 0:
+        return None
+    setting = kernel_setting(rule, len(time))
+    fit = None if setting is None else fit_single(time, data, *setting, sigma)
+    if fit is None:
+        return None
+    values, c, figures = fit
+    if data.ndim == 1:
+        return SmoothingSpline(time.copy(), values, c, *figures)
+    return SmoothingSpline(time.copy(), values[:, None], c[:, None], *figures[:, None])
 
 
 def prepare_data(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Array, list[float], list[float]]:
@@ -248,12 +269,12 @@ def _column_sigmas(t: Array, columns: Array, weight: Array | None, sigma: ArrayL
     return noise_sigma(t, columns, weight)
 
 
-def _systems(step: Array, weights: Array | None, k: int) -> tuple[list[System], float, list[float]]:
+def _systems(t: Array, step: Array, weights: Array | None, k: int) -> tuple[list[System], float, list[float]]:
     """Return the scaled system of each of k columns, the mean step, and the means (k) of 1 / weight.
 
     ``step`` is scaled in place.
     """
-    h = float(step.sum()) / len(step)
+    h = float(t[-1] - t[0]) / len(step)
     step /= h
     grid = Grid(step)
     if weights is None:
@@ -287,7 +308,7 @@ def _collect(
 ) -> SmoothingSpline:
     columns = np.ascontiguousarray(data.reshape(len(time), len(solved)))
     # back to the user's units: values are the data less D^2 Q u, the second derivative is p u
-    unit = series[0].step ** -2
+    unit = 1.0 / (series[0].step * series[0].step)
     interpolated = [column.p == np.inf for column in solved]
     size = [0.0 if exact else column_series.size for column_series, exact in zip(series, interpolated, strict=True)]
     bend = [
@@ -302,7 +323,10 @@ def _collect(
             values[:, k] = columns[:, k] - size[k] * (series[k].y - series[k].line())
     p = [column.p * column_series.p_scale for column_series, column in zip(series, solved, strict=True)]
     lam = [0.5 / value if value else np.inf for value in p]
-    S = [column.rss / column_series.noise**2 for column_series, column in zip(series, solved, strict=True)]
+    S = [
+        column.rss / (column_series.noise * column_series.noise)
+        for column_series, column in zip(series, solved, strict=True)
+    ]
     accuracy = [column_series.accuracy(column) for column_series, column in zip(series, solved, strict=True)]
     figures: list[Any] = [np.array(x) for x in (p, lam, S, sigma, [column.residual for column in solved], accuracy)]
     if data.ndim == 1:

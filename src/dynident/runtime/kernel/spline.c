@@ -227,3 +227,5 @@ EXPORTED void API(spline_noise)(int64_t n, int64_t k, const double *restrict t, 
         }
     }
 }
+
+#include "spline_search.h"

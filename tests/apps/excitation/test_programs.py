@@ -10,7 +10,13 @@ import pytest
 from dynident.apps.excitation import MotionRequest, Program, Purpose, Trajectory, min_fit_speeds, verify
 from dynident.apps.excitation.design import FRICTION_SHARE, GRAVITY_SHARE, home_pose, slow_pieces, torque_information
 from dynident.apps.excitation.limits import Feasibility
-from dynident.apps.excitation.programs import HOLD_TIME, friction_program, gravity_program, select_informative_poses
+from dynident.apps.excitation.programs import (
+    HOLD_TIME,
+    TooShortError,
+    friction_program,
+    gravity_program,
+    select_informative_poses,
+)
 from dynident.apps.excitation.trajectory import Hold
 from dynident.models import Model
 from dynident.models.friction import Coulomb
@@ -234,8 +240,11 @@ def test_less_time_makes_fewer_speeds(monkeypatch):
     assert len({drawn for _, drawn in tried}) == 1
 
 
-def test_too_little_time_is_said_with_the_shares():
-    with pytest.raises(ConfigError, match="of the duration of 5 s, 40% are for friction and 20% for poses"):
-        pieces(Program.ALL, 5.0)
-    with pytest.raises(ConfigError, match="give it more time"):
-        pieces(Program.FRICTION, 1.0)
+@pytest.mark.parametrize("program", [Program.ALL, Program.FRICTION])
+def test_too_little_time_is_said_with_what_is_enough(program):
+    with pytest.raises(TooShortError, match=r"set `duration` to \d+ s or more") as caught:
+        pieces(program, 5.0 if program is Program.ALL else 1.0)
+    assert str(caught.value).startswith("of the duration of 5 s, 40% are for friction") == (program is Program.ALL)
+    assert pieces(program, np.ceil(caught.value.shortest))
+    with pytest.raises(TooShortError):
+        pieces(program, 0.98 * caught.value.shortest)

@@ -19,7 +19,7 @@ from dynident.apps.excitation.motion import (
     reachable_motion,
     without_memory,
 )
-from dynident.apps.excitation.programs import friction_program, gravity_program
+from dynident.apps.excitation.programs import TooShortError, friction_program, gravity_program
 from dynident.apps.excitation.search import Plan, Stage
 from dynident.apps.excitation.trajectory import Piece, Trajectory
 from dynident.apps.excitation.verify import TrajectoryCheck, verify
@@ -60,10 +60,13 @@ def slow_pieces(feasible: Feasibility, request: MotionRequest, rng: np.random.Ge
                 gravity_request = replace(request, duration=GRAVITY_SHARE * request.duration, start=home_pose(friction))
                 return (*friction, *gravity_program(feasible, gravity_request, rng))
             except ConfigError as error:
-                raise ConfigError(
+                shares = (
                     f"of the duration of {request.duration:g} s, {FRICTION_SHARE:.0%} are for friction and "
-                    f"{GRAVITY_SHARE:.0%} for poses: {error}"
-                ) from error
+                    f"{GRAVITY_SHARE:.0%} for poses: "
+                )
+                if isinstance(error, TooShortError):
+                    raise TooShortError(f"{shares}{error.program}", error.shortest / FRICTION_SHARE) from error
+                raise ConfigError(f"{shares}{error}") from error
     return ()
 
 

@@ -160,14 +160,22 @@ def _fastest_speed(room: float, limit: float, acceleration: float, jerk: float, 
     return speed
 
 
+class TooShortError(ConfigError):
+    """A ``program`` has less time than the ``shortest`` that it takes (s)."""
+
+    def __init__(self, program: str, shortest: float) -> None:
+        super().__init__(f"{program}; set `duration` to {np.ceil(shortest):g} s or more, or choose another program.")
+        self.program, self.shortest = program, shortest
+
+
 def _steady_time(runs: list[_JointSweeps], duration: float, path_time: float) -> float:
     """Return the time (s) for which each speed is kept, so that the program takes the duration."""
     shortest = path_time + sum(run.total_time(MIN_STEADY_TIME) for run in runs)
     if shortest > duration:
-        raise ConfigError(
+        raise TooShortError(
             f"the friction program takes {shortest:.1f} s for {len(runs)} joints, {path_time:.1f} s of it for ways, "
-            f"but has {duration:.1f} s; give it more time, or choose another program."
-        )
+            f"but has {duration:.1f} s", shortest,
+        )  # fmt: skip
     low, high = MIN_STEADY_TIME, duration
     # bisection: the total time grows with the time at constant speed
     for _ in range(SEARCH_STEPS):

@@ -46,6 +46,15 @@ def test_the_search_beats_the_principal_axes() -> None:
     assert fit_capsule(points(bent)).volume < 0.95 * fit_capsule_quickly(points(bent)).volume
 
 
+@pytest.mark.parametrize("sides", [(1, 2), (-1, 2), (2, 1), (2, -1)])
+def test_the_axis_tilts_to_both_sides(sides) -> None:
+    """A line between two balls, beside which many points of no size turn the principal axes."""
+    axis = np.array([1.0, 0.05 * sides[0], 0.05 * sides[1]])
+    aside = np.random.default_rng(3).uniform(-1, 1, (200, 1)) * [0.9, 0.0, 0.0]
+    ends = Balls(np.vstack((axis, -axis, aside)), np.array([0.1, 0.1, *[0.0] * 200]))
+    assert fit_capsule(ends).volume < 1.01 * np.pi * 0.1**2 * (2 * np.linalg.norm(axis) + 4 / 3 * 0.1)
+
+
 def test_a_cube_has_the_ball_around_it() -> None:
     corners = 2.0 * np.indices((2, 2, 2)).reshape(3, -1).T - 1
     assert fit_capsule(points(corners)).volume <= 4 / 3 * np.pi * 3**1.5 * 1.01

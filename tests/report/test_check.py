@@ -37,7 +37,7 @@ def test_what_the_figures_of_channels_leave_out_is_said() -> None:
 
 
 def test_the_type_of_a_joint_is_continuous_where_it_has_no_end() -> None:
-    open_ends, lower = RobotJointLimits(None, None, 2.0, 3.0), RobotJointLimits(-1.0, None, 2.0, 3.0)
+    open_ends, lower = RobotJointLimits(3.0, 2.0), RobotJointLimits(3.0, 2.0, lower=-1.0)
     cases = (
         ("revolute", open_ends, "", "continuous"),
         ("revolute", lower, "", "revolute"),
@@ -45,9 +45,8 @@ def test_the_type_of_a_joint_is_continuous_where_it_has_no_end() -> None:
         ("revolute", open_ends, "three coordinates", "held fixed"),
     )
     joints = tuple(RobotJointFacts("a", kind, limits, None, held, 4.0) for kind, limits, held, _ in cases)
-    table = next(
-        iter(check_tables(CheckResult((), joints=joints, links=(LinkFacts("a", 4.0, np.zeros(3), np.ones(3)),))))
-    )
+    links = (LinkFacts("a", 4.0, np.zeros(3), np.ones(3)),)
+    table = next(iter(check_tables(CheckResult((), joints=joints, links=links))))
     assert [row[1] for row in table.rows] == [said for *_, said in cases]
     assert table.rows[1][2:] == ("-1", "-", "2", "3", "4")
 

@@ -56,7 +56,7 @@ def test_the_axis_is_tilted_from_the_principal_ones(wide) -> None:
     across[60:] = across[60:, ::-1]
     balls = np.vstack(([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], np.column_stack((x, across))))
     capsule = fit_capsule(Balls(balls, np.array([0.1, 0.1, *[0.01] * len(x)])))
-    assert capsule.volume < 1.01 * np.pi * 0.1**2 * (2.0 + 4 / 3 * 0.1)
+    assert capsule.volume < 1.15 * np.pi * 0.1**2 * (2.0 + 4 / 3 * 0.1)
 
 
 def test_a_cube_has_the_ball_around_it() -> None:

@@ -43,6 +43,14 @@ def test_each_file_has_the_torque_of_the_model(text, exporter):
     assert ("2 N m at 'shoulder'" in size) == exporter.format.startswith("drake")
 
 
+@pytest.mark.parametrize(("offset", "is_said"), [(1e-6, False), (1e-3, True)])
+def test_the_size_of_what_is_left_out_is_said_where_it_is_no_rounding(offset, is_said):
+    some = identified()
+    value = np.where([name.startswith("offset") for name in some.model.names], offset, some.value)
+    notes = export(replace(some, value=value), PinocchioFile(), STATES).written.notes
+    assert any(note.startswith("what it leaves out is") for note in notes) == is_said
+
+
 @pytest.mark.parametrize("exporter", [FORMATS[0], *FORMATS[2:]], ids=lambda exporter: exporter.format)
 def test_a_wrong_value_is_noticed(exporter):
     made = export(identified(), exporter, STATES)

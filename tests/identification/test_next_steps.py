@@ -88,7 +88,7 @@ def test_leaving_them_out_gains_what_is_said(pushed: Identification) -> None:
     motion = pushed.validations[0].motion
     values = (pushed.estimate.value, better.estimate.value)
     shift = np.subtract(*(slider().torque(motion.q, motion.dq, motion.ddq, value) for value in values))
-    assert step.gain == pytest.approx(gain_points(log, {"slider": float(np.mean(shift**2))}), rel=0.2)
+    assert step.gain == pytest.approx(gain_points(log, {"slider": float(np.mean(shift**2))}), rel=0.4)
 
 
 def test_nothing_is_left_out_of_a_sound_training() -> None:

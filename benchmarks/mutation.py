@@ -88,17 +88,18 @@ class Outcome:
 def meaning(code: str) -> str | None:
     """Return the syntax tree without what has no effect on right input; None where the text is no Python.
 
-    These are annotations, and ``strict`` of ``zip``, which only checks that lengths agree.
+    These are annotations, whether arguments are given by name, and ``strict`` of ``zip``, which only compares lengths.
     """
     try:
         tree = ast.parse(code)
     except SyntaxError:
         return None
     for node in ast.walk(tree):
-        if isinstance(node, ast.arg):
-            node.annotation = None
-        elif isinstance(node, ast.AnnAssign):
+        if isinstance(node, ast.arg | ast.AnnAssign):
             node.annotation = ast.Constant(None)
+        elif isinstance(node, ast.arguments):
+            node.args, node.posonlyargs, node.kwonlyargs = [*node.posonlyargs, *node.args, *node.kwonlyargs], [], []
+            node.defaults, node.kw_defaults = [*node.defaults, *filter(None, node.kw_defaults)], []
         elif isinstance(node, ast.FunctionDef):
             node.returns = None
         elif isinstance(node, ast.Call):
@@ -340,7 +341,6 @@ def run(names: Sequence[str], size: int, seed: int, out: Path) -> tuple[dict[str
     copies, lock = SimpleQueue[Copy](), Lock()
     with tempfile.TemporaryDirectory() as folder:
         drawn, equivalent = sample(names, size, seed)
-        # all further is of the copies: the project may change meanwhile
         for name in ("a", "b"):
             (Path(folder) / name).mkdir()
             copies.put(Copy(Path(folder) / name))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import platform
+import shutil
+import subprocess
 from importlib import metadata
 from pathlib import Path
 
@@ -31,3 +33,15 @@ def test_only_a_clone_has_a_commit(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     package.mkdir(parents=True)
     (package / "commit.txt").write_text("1234abc\n")
     assert version.commit() == "1234abc"
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="there is no git")
+def test_a_clone_says_its_commit(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    package = tmp_path / "src" / "dynident"
+    (package / "cli").mkdir(parents=True)
+    monkeypatch.setattr(version, "__file__", str(package / "cli" / "options.py"))
+    who = ("-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false")
+    for command in (("init", "-q"), (*who, "commit", "-q", "--allow-empty", "-m", "first")):
+        subprocess.run(("git", "-C", str(tmp_path), *command), check=True)
+    head = subprocess.run(("git", "-C", str(tmp_path), "rev-parse", "HEAD"), capture_output=True, text=True, check=True)
+    assert head.stdout.startswith(version.commit() or "none")

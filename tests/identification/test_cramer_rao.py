@@ -139,6 +139,14 @@ def test_agrees_with_the_exact_bound_where_the_motion_is_slow(sigma_q: float) ->
     np.testing.assert_allclose(*deviations, rtol=2e-3)
 
 
+@pytest.mark.parametrize(("samples", "rest", "rank"), [(2, 0, 0), (3, 0, 1), (4, 0, 2), (2, 1, 1), (3, 1, 2)])
+def test_each_position_tells_one_thing_beyond_the_first_state(samples: int, rest: int, rank: int) -> None:
+    model = pendulum()
+    motion = simulate(model, model.values, lambda s: [0.3 + np.sin(5 * s)], np.arange(samples) * 0.2)
+    S = information(model, model.values, motion, 1e-4, 1e-2, rest=bool(rest))
+    assert np.linalg.matrix_rank(S, 1.0) == rank
+
+
 @pytest.mark.parametrize("uneven", [0.0, 0.4])
 def test_a_dense_least_squares_problem_gives_the_same(uneven: float) -> None:
     """All residuals by all coefficients and parameters, from scipy's splines, whose knots go on as the samples do."""

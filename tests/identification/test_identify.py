@@ -239,6 +239,12 @@ def test_a_joint_that_is_not_fitted_is_predicted_from_the_others(log: Log) -> No
             identify(ARM, [log], recipe=Recipe(unfitted=wrong))
 
 
+def test_a_free_simulation_has_the_motion_that_was_fitted(log: Log) -> None:
+    (late,) = identify(ARM, [log], [], Recipe(Spline(sigma=1e-6), time_offset=0.02, restart=0.5)).validations
+    run = late.free_run
+    np.testing.assert_allclose(run.measured, late.motion.q[np.isin(late.motion.t, run.t)], atol=1e-9)
+
+
 def test_excluded_samples_are_neither_fitted_nor_judged(log: Log) -> None:
     gone = (log.t >= 2.0) & (log.t <= 3.0)
     spoiled = replace(log, tau=log.tau + 50.0 * gone[:, None])

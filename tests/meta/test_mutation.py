@@ -82,6 +82,7 @@ def test_what_has_no_effect_is_no_mutant() -> None:
     meaning = RUN["meaning"]
     assert meaning("def f(x: A | B) -> C: y: A | None = 1") == meaning("def f(x: A & B) -> D: y: A & None = 1")
     assert meaning("zip(a, b, strict=True)") == meaning("zip(a, b, strict=False)")
+    assert meaning("def f(x, *, y=1): 0") == meaning("def f(x, /, y=1): 0") != meaning("def f(x, *, y=2): 0")
     assert meaning("x + 1") != meaning("x - 1")
     assert meaning("x +* 1") is None
 

@@ -7,9 +7,9 @@ import dynident as dy
 from dynident.apps.demo import demo_files
 from dynident.apps.demo.arm import BASE, LINKS
 from dynident.files.meshes import read_geometry
-from dynident.models.capsules import body_capsules, default_link_radius, fixed_boxes, simplify_mesh
-from dynident.models.geometry import Mesh, build_geometry
-from dynident.models.robot_files import rotation
+from dynident.models.capsules import body_capsules, bounding_balls, default_link_radius, fixed_boxes, simplify_mesh
+from dynident.models.geometry import Mesh, Solid, build_geometry
+from dynident.models.robot_files import ShapeKind, rotation
 from tests.apps.excitation.meshes import BENT, box
 from tests.models.test_fitting import beyond, points
 from tests.robots import joint, link, urdf
@@ -75,6 +75,27 @@ def test_a_bent_mesh_has_two_capsules_that_contain_it() -> None:
     inside = np.einsum("wc,fci->fwi", weights, BENT.vertices[BENT.triangles]).reshape(-1, 3)
     out = np.min([beyond(one, points(inside)) for one in around], axis=0)
     assert out.max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "reach"),
+    [
+        (ShapeKind.BOX, (0.1, 0.2, 0.3), lambda d: np.abs(d) @ [0.1, 0.2, 0.3]),
+        (ShapeKind.SPHERE, (0.1,), lambda d: np.full(len(d), 0.1)),
+        (ShapeKind.CYLINDER, (0.1, 0.3), lambda d: 0.1 * np.linalg.norm(d[:, :2], axis=1) + 0.3 * np.abs(d[:, 2])),
+        (ShapeKind.CAPSULE, (0.1, 0.3), lambda d: 0.1 + 0.3 * np.abs(d[:, 2])),
+        (ShapeKind.ELLIPSOID, (0.1, 0.2, 0.3), lambda d: np.linalg.norm(d * [0.1, 0.2, 0.3], axis=1)),
+    ],
+)
+def test_balls_reach_as_far_as_the_shape_in_every_direction(kind, size, reach) -> None:
+    """And no more than round shapes by polygons of 16 corners do."""
+    frame = np.eye(4)
+    frame[:3, :3], frame[:3, 3] = rotation(np.array([0.6, 0.0, 0.8]), 0.7), (1.0, 2.0, -3.0)
+    balls = bounding_balls(Solid("a", 0, kind, size, frame))
+    d = np.random.default_rng(0).normal(size=(500, 3))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    reached = (d @ (balls.centres - frame[:3, 3]).T + balls.radii).max(axis=1) / reach(d @ frame[:3, :3])
+    assert (reached.min() > 1 - 1e-12, reached.max() < 1 / np.cos(np.pi / 16) ** 2 + 1e-12) == (True, True)
 
 
 def test_a_mesh_is_scaled_and_placed() -> None:

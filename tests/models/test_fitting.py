@@ -46,6 +46,19 @@ def test_the_search_beats_the_principal_axes() -> None:
     assert fit_capsule(points(bent)).volume < 0.95 * fit_capsule_quickly(points(bent)).volume
 
 
+@pytest.mark.parametrize("wide", [0, 60])
+def test_the_axis_is_tilted_from_the_principal_ones(wide) -> None:
+    """Small balls on one side at each end of a capsule turn the axes; those across its middle exchange the others."""
+    rng = np.random.default_rng(3)
+    x, angle = np.repeat([0.5, -0.5, 0.0], (30, 30, wide)), rng.uniform(-0.5, 0.5, 60 + wide)
+    side = np.repeat([1.0, -1.0], (30, 30)).tolist() + [1.0, -1.0] * (wide // 2)
+    across = 0.09 * np.column_stack((np.cos(angle), np.sin(angle))) * np.array(side)[:, None]
+    across[60:] = across[60:, ::-1]
+    balls = np.vstack(([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], np.column_stack((x, across))))
+    capsule = fit_capsule(Balls(balls, np.array([0.1, 0.1, *[0.01] * len(x)])))
+    assert capsule.volume < 1.15 * np.pi * 0.1**2 * (2.0 + 4 / 3 * 0.1)
+
+
 def test_a_cube_has_the_ball_around_it() -> None:
     corners = 2.0 * np.indices((2, 2, 2)).reshape(3, -1).T - 1
     assert fit_capsule(points(corners)).volume <= 4 / 3 * np.pi * 3**1.5 * 1.01

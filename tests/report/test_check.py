@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from dynident.checks import ChannelFacts, CheckResult, ExcitedRank, log_notes
+from dynident.checks.robot import LinkFacts, RobotJointFacts
 from dynident.identification import TimeOffset
+from dynident.models.robot_files import RobotJointLimits
 from dynident.regression import UnexcitedParameters
 from dynident.report.check import check_dict, check_summary, check_tables
 from dynident.runtime import Finding, Remark, Severity
@@ -30,6 +34,21 @@ def test_what_the_figures_of_channels_leave_out_is_said() -> None:
     ):
         (table,) = check_tables(CheckResult((), channels={"one": (replace(fact, **changes),)}))
         assert table.caption == f"Channels of one, SI{said}"
+
+
+def test_the_type_of_a_joint_is_continuous_where_it_has_no_end() -> None:
+    open_ends, lower = RobotJointLimits(3.0, 2.0), RobotJointLimits(3.0, 2.0, lower=-1.0)
+    cases = (
+        ("revolute", open_ends, "", "continuous"),
+        ("revolute", lower, "", "revolute"),
+        ("prismatic", open_ends, "", "prismatic"),
+        ("revolute", open_ends, "three coordinates", "held fixed"),
+    )
+    joints = tuple(RobotJointFacts("a", kind, limits, None, held, 4.0) for kind, limits, held, _ in cases)
+    links = (LinkFacts("a", 4.0, np.zeros(3), np.ones(3)),)
+    table = next(iter(check_tables(CheckResult((), joints=joints, links=links))))
+    assert [row[1] for row in table.rows] == [said for *_, said in cases]
+    assert table.rows[1][2:] == ("-1", "-", "2", "3", "4")
 
 
 def test_each_of_several_outliers_is_named() -> None:

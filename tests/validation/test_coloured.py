@@ -73,9 +73,8 @@ def test_the_correlation_that_the_fit_takes_away_is_put_back() -> None:
 
 
 def test_few_independent_samples_widen_the_intervals() -> None:
-    variance = np.array([2.0, 2.0])
-    found = coloured._student_quantile(variance, 2 * variance**2 / np.array([5.0, 0.5]))
-    np.testing.assert_allclose(found, [stdtrit(5, 0.975), stdtrit(2, 0.975)])
+    found = coloured._student_quantile(np.full(3, 2.0), 8.0 / np.array([5.0, 0.5, np.inf]))
+    np.testing.assert_allclose(found, [stdtrit(5, 0.975), stdtrit(2, 0.975), stdtrit(1e6, 0.975)])
 
 
 def test_units_and_weights_that_are_equal_do_not_matter() -> None:

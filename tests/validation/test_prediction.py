@@ -1,5 +1,8 @@
 """Errors of a model on a log, by hand."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
@@ -162,3 +165,9 @@ def test_mass_is_looked_at_over_the_logs_and_within_the_limits() -> None:
     found = check_mass(limited, [*theta, 1, 1], [still, gone])
     assert not found.positive
     assert found.q[0] == pytest.approx(0.9)
+    # a joint without limits is drawn over a turn or two metres
+    drawn: list[tuple[ArrayLike, ArrayLike]] = []
+    rng: Any = SimpleNamespace(uniform=lambda lower, upper, size: drawn.append((lower, upper)) or np.zeros(size))
+    for model in (limited, Model((mass, Viscous(MODEL.joints)))):
+        check_mass(model, [*theta, 1, 1], [still], rng)
+    np.testing.assert_array_equal(drawn, [[[-0.5, -1], [0.5, 1]], [[-np.pi, -1], [np.pi, 1]]])

@@ -50,6 +50,14 @@ def test_white_noise_is_rejected_as_often_as_stated() -> None:
     assert ljung_box(autocorrelation(ar1(0.5, 500, 0)), 500) < 1e-6
 
 
+@pytest.mark.parametrize(("frequency", "low_share"), [(4.5, 1.0), (5.5, 0.0)])
+def test_what_is_below_five_hertz_is_of_the_model(frequency: float, low_share: float) -> None:
+    residual = np.sin(2 * np.pi * frequency * T) + 1e-3 * np.random.default_rng(0).standard_normal(N)
+    found = residual_test(residual, DQ, STEP)
+    assert found.low_share == pytest.approx(low_share, abs=0.02)
+    assert (LowFrequency() in found.causes) == (low_share > 0.5)
+
+
 def test_a_friction_that_is_missing_at_reversals_is_reported() -> None:
     residual = 0.01 * np.random.default_rng(2).standard_normal(N) + np.where(np.abs(DQ) < 0.03, 1.0, 0.0)
     found = residual_test(residual, DQ, STEP)

@@ -14,7 +14,7 @@ from scipy.stats import f
 from dynident.apps.online import Alarm, BaselineKnown, Changed, Event, NewMotion, Passed, Unsteady
 from dynident.apps.online.candidates import evidence, gains, threshold
 from dynident.apps.online.detector import Detector, Knowledge
-from dynident.apps.online.scores import MAX_EQUAL_LENGTHS, Scorer, Scores, Sums, push_sums, suffix_sums
+from dynident.apps.online.scores import MAX_EQUAL_LENGTHS, Scorer, Scores, Sums, _score_spread, push_sums, suffix_sums
 from dynident.regression import GroupKind
 from dynident.runtime.arrays import Array
 from tests.apps.online.blocks import INFORMATION, SPREAD, block, candidates
@@ -67,6 +67,21 @@ def test_gains_are_of_the_directions_that_are_shown() -> None:
     found, rank = gains(np.array([[2.0, 0.0], [2.0, 4.0], [0.0, 0.0]]), information, information)
     np.testing.assert_allclose(found, [1.0, 5.0, 0.0])
     assert rank.tolist() == [1, 2, 0]
+
+
+@pytest.mark.parametrize(
+    ("u", "M", "variance"),
+    [
+        ([3.0] * 8, [1.0] * 8, 1e-6),
+        ([0.2, -0.2] * 4, [1.0] * 8, 0.32 / 7),
+        ([0.2, -0.2] * 4, [4.0] * 8, 0.08 / 7),
+        ([9.0, -9.0, 9.0] * 2, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0], 1.0),
+    ],
+)
+def test_the_spread_of_scores_is_that_of_what_shows_the_direction(
+    u: list[float], M: list[float], variance: float
+) -> None:
+    assert _score_spread(np.array(u), np.array(M)) == pytest.approx(variance)
 
 
 def test_the_threshold_rises_by_one_where_the_rate_falls_by_e() -> None:

@@ -14,6 +14,7 @@ import dynident as dy
 from dynident.apps.ranking import CombinationOutcome, Ranking, compare
 from dynident.apps.ranking.config import estimator_candidates, smoother_candidates
 from dynident.apps.ranking.report import ranking_findings
+from dynident.apps.ranking.run import _job_row
 from dynident.apps.ranking.task import find_common_samples
 from dynident.estimators import LinearEstimator
 from dynident.models.lagrangian import slider
@@ -22,6 +23,7 @@ from dynident.project.config import parse_config
 from dynident.project.settings import Config
 from dynident.runtime import ConfigError, InputError, Step, progress_to
 from dynident.runtime.families import ESTIMATORS, SMOOTHERS
+from dynident.runtime.jobs import JobResult, Status
 from tests.apps.ranking.made import CONFIG, Greedy, Halved, Lacking, OnMonday, Raising, Stuck, Whole, make_project
 from tests.kept import check_kept, facts
 
@@ -34,6 +36,13 @@ def config(more: str = "", smoother: str = "{ kind: spline }") -> Config:
 
 def names(found: tuple[object, ...]) -> list[str]:
     return [one.name for one in found]  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("status", Status)
+def test_the_row_of_a_job_without_a_value_says_what_became_of_it(status: Status) -> None:
+    row = _job_row({1: ("log", "s", "e")}, JobResult(1, None, status, "why", 2.5))
+    assert row["status"] == ("failed" if status is Status.OK else status.value)
+    assert (row["reason"], row["seconds"]) == ("why", 2.5)
 
 
 def test_all_that_need_no_settings_take_part_the_configured_one_first() -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from dynident.apps.demo import demo_truth
 from dynident.estimators.maximum_likelihood import Equations
-from dynident.estimators.maximum_likelihood.equations import RegressorColumns
+from dynident.estimators.maximum_likelihood.equations import Likelihood, RegressorColumns
 from dynident.estimators.maximum_likelihood.newton import Elimination
 from dynident.estimators.maximum_likelihood.trajectory import Arrow
 
@@ -21,6 +24,25 @@ def test_columns_of_bodies_follow_from_the_independent_ones(rng: np.random.Gener
     np.testing.assert_allclose(found.select(Y) @ found.combination, Y, rtol=0, atol=1e-11 * np.abs(Y).max())
     friction = [k for k, one in enumerate(model.parameters) if not one.body]
     assert set(friction) <= set(found.indices)
+
+
+@pytest.mark.parametrize(
+    ("centred", "theta", "fixed", "columns"),
+    [
+        ((), (0, 0, 0), None, [0]),
+        ((1,), (0, 0, 0), None, [0, 1]),
+        ((2,), (0, 0, 0), None, [0]),
+        ((), (0, 1e9, 0), None, [0, 1]),
+        ((0, 1), (0, 0, 0), 0, [1]),
+    ],
+)
+def test_a_direction_moves_where_data_or_a_prior_hold_it(
+    centred: tuple[int, ...], theta: tuple[float, ...], fixed: int | None, columns: list[int]
+) -> None:
+    barrier = SimpleNamespace(centred_components=np.isin(range(3), centred))
+    likelihood: Any = SimpleNamespace(directions=np.eye(3)[:, :2], barrier=barrier)
+    open_directions = Likelihood.open_directions(likelihood, np.diag([1.0, 1e-15, 1.0]), np.array(theta), fixed)
+    np.testing.assert_array_equal(open_directions, np.eye(3)[:, columns])
 
 
 M, K, R, W = 12, 2, 3, 4  # unknowns of the trajectory, torques, parameters, width of the band

@@ -15,7 +15,7 @@ from dynident.estimators.maximum_likelihood import (
     whiteness_probability,
     with_smooth_signs,
 )
-from dynident.estimators.maximum_likelihood.plan import estimate_noise, misfit, recordings
+from dynident.estimators.maximum_likelihood.plan import _interpolate, estimate_noise, misfit, recordings
 from dynident.estimators.notes import Averaged
 from dynident.models import CoupledMotor, Joint, Model
 from dynident.models.friction import Coulomb, Power, Stribeck, Viscous
@@ -155,3 +155,13 @@ class TestFriction:
         np.testing.assert_allclose(ratio, np.tanh(1.0))
         np.testing.assert_array_equal(columns[1], sharp.regressor(*states)[0, 1])
         assert np.isfinite(soft.partials(*(np.zeros((1, 2)),) * 3, np.ones(6)).dq).all()
+
+
+@pytest.mark.parametrize(
+    ("x", "slope", "y"),
+    [(1.0, 1.0, 2.0), (1.5, 1.0, 2 * np.exp(0.25)), (5.0, 1.0, 2 * np.exp(2)), (99.0, 1.0, 2 * np.exp(6)),
+     (1.5, -1.0, 1.5), (0.0, 1.0, 1.0), (0.5, 1.0, 1.5), (0.5, 3.0, 1.25), (0.25, 3.0, 1.15625)],
+)  # fmt: skip
+def test_a_curve_goes_on_straight_downwards_and_exponentially_upwards(x: float, slope: float, y: float) -> None:
+    """From (0, 1) with slope 1 to (1, 2), between which it is a cubic."""
+    assert _interpolate((0.0, 1.0, 1.0), (1.0, 2.0, slope), x) == pytest.approx(y)

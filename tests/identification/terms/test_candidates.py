@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.identification.terms.candidates import combine_terms
+from dynident.identification.terms.candidates import LENGTHS, WIDE_WIDTHS, WIDTHS, combine_terms
 from dynident.identification.terms.ripples import PositionResidual, largest_lines
 from dynident.models import Joint, Model
 from dynident.models.friction import Coulomb, Ripple, Viscous
@@ -32,6 +32,13 @@ def test_the_regressor_of_the_whole_is_that_of_the_parts() -> None:
     assert len(whole.names) == 8
     for name, regressor in single.items():
         assert np.allclose(Y[:, :, whole.names.index(name)], regressor(q, dq, ddq)[:, :, 0])
+
+
+@pytest.mark.parametrize(
+    ("grid", "first", "last"), [(WIDTHS, 0.005, 0.43368), (WIDE_WIDTHS, 0.1, 1.16415), (LENGTHS, 1e-4, 0.0413590)]
+)
+def test_grids_are_geometric(grid: tuple[float, ...], first: float, last: float) -> None:
+    np.testing.assert_allclose(grid, np.geomspace(first, last, len(grid)), rtol=1e-4)
 
 
 def test_ripples_of_one_joint_keep_their_delays() -> None:

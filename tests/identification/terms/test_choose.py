@@ -108,6 +108,8 @@ def test_what_was_tried_is_told_with_gain_and_error() -> None:
         "drift",  # the recordings are short
     }
     assert all(after < before for before, after in zip(choice.before, choice.after, strict=True))
+    tau = recorded(simulated.dahl, 1).tau
+    np.testing.assert_allclose(choice.after, 5.0 * simulated.SIZE / np.sqrt(np.mean(tau**2, axis=0)), rtol=0.12)
 
 
 def test_drift_is_tried_on_long_recordings_alone() -> None:

@@ -43,6 +43,14 @@ def test_each_file_has_the_torque_of_the_model(text, exporter):
     assert ("2 N m at 'shoulder'" in size) == exporter.format.startswith("drake")
 
 
+@pytest.mark.parametrize(("offset", "is_said"), [(1e-6, False), (1e-3, True)])
+def test_the_size_of_what_is_left_out_is_said_where_it_is_no_rounding(offset, is_said):
+    some = identified()
+    value = np.where([name.startswith("offset") for name in some.model.names], offset, some.value)
+    notes = export(replace(some, value=value), PinocchioFile(), STATES).written.notes
+    assert any(note.startswith("what it leaves out is") for note in notes) == is_said
+
+
 @pytest.mark.parametrize("exporter", [FORMATS[0], *FORMATS[2:]], ids=lambda exporter: exporter.format)
 def test_a_wrong_value_is_noticed(exporter):
     made = export(identified(), exporter, STATES)
@@ -95,6 +103,14 @@ def test_an_actuator_of_the_file_is_used():
     assert 'value="9"' not in made.written.text
 
 
+@pytest.mark.parametrize("gravity", [(1, 2, -9), (0, 0, -9.81), (1, -2, 9), (0, 0, 9.81), (9.81, 0, 0), (0, 0, 0)])
+def test_the_base_of_an_isaac_module_is_turned_so_that_gravity_points_down(gravity):
+    w, *v = read_literals(IsaacLab().write(arm(gravity=gravity)).text)["BASE_ORIENTATION"]
+    assert np.linalg.norm((w, *v)) == pytest.approx(1)
+    down = np.array(gravity) + 2 * np.cross(v, np.cross(v, gravity) + w * np.array(gravity))
+    np.testing.assert_allclose(down, [0, 0, -np.linalg.norm(gravity)], atol=1e-12)
+
+
 def test_an_isaac_module_has_values_by_joint():
     text = export(identified(), IsaacLab(), STATES).written.text
     values = read_literals(text)
@@ -103,12 +119,7 @@ def test_an_isaac_module_has_values_by_joint():
     assert values["EFFORT_LIMIT"] == {"shoulder": 3.0, "rail": 10.0}
     assert values["DELAY"] == {"shoulder": 0.02}
     assert values["RANGES"]["friction"]["rail"] == pytest.approx((2 - 0.0196, 2 + 0.0196))
-    w, x, y, z = values["BASE_ORIENTATION"]
-    assert np.linalg.norm((w, x, y, z)) == pytest.approx(1)
-    # turned, gravity points down
-    v, g = np.array([x, y, z]), np.array(values["GRAVITY"])
-    down = g + 2 * np.cross(v, np.cross(v, g) + w * g)
-    np.testing.assert_allclose(down, [0, 0, -np.linalg.norm(g)], atol=1e-12)
+    assert values["GRAVITY"] == (1, 2, -9)
     compile(text, "isaac.py", "exec")
 
 

@@ -211,7 +211,7 @@ class Regression(Noun):
         for k, part, samples in self._stretches_to_take(within):
             motion = self.motions[k]
             blocks = (
-                _unfiltered_blocks(motion, samples, rows, max(BLOCK, BLOCK_ENTRIES // len(structure.joint)))
+                _unfiltered_blocks(motion, samples, rows, max(BLOCK, BLOCK_ENTRIES // max(len(structure.joint), 1)))
                 if self.filter is None
                 else _filtered_blocks(motion, part, samples, rows, self.filter)
             )

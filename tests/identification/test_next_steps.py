@@ -81,6 +81,10 @@ def test_leaving_them_out_gains_what_is_said(pushed: Identification) -> None:
     parts = [replace(one, source=f"part {k}") for k, one in enumerate(parts)]
     better = identify(slider(), parts, [moved("held", (2.4, 4.3), seed=1)], RECIPE)
     assert step.gain == pytest.approx(error(pushed) - error(better), rel=0.5)
+    errors = replace(judged_log(pushed).errors, rmse={"slider": 2.0}, relative_error=10.0, sensor_noise={})
+    loud = replace(pushed, validations=(pushed.validations[0], replace(judged_log(pushed), errors=errors)))
+    removed = judged_log(pushed).errors.rmse["slider"] ** 2 - judged_log(better).errors.rmse["slider"] ** 2
+    assert of_kind(loud, LeaveOut)[0].gain == pytest.approx(10.0 * (1 - np.sqrt(1 - removed / 4)), rel=0.5)
 
 
 def test_nothing_is_left_out_of_a_sound_training() -> None:

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from dynident.apps.demo import demo_truth
-from dynident.estimators.maximum_likelihood import Equations
+from dynident.estimators import Barrier, PsdConstraint
+from dynident.estimators.maximum_likelihood import Equations, Likelihood, Sigma
 from dynident.estimators.maximum_likelihood.equations import RegressorColumns
 from dynident.estimators.maximum_likelihood.newton import Elimination
 from dynident.estimators.maximum_likelihood.trajectory import Arrow
+from dynident.models.lagrangian import two_link_arm
 
 
 def test_columns_of_bodies_follow_from_the_independent_ones(rng: np.random.Generator) -> None:
@@ -21,6 +23,27 @@ def test_columns_of_bodies_follow_from_the_independent_ones(rng: np.random.Gener
     np.testing.assert_allclose(found.select(Y) @ found.combination, Y, rtol=0, atol=1e-11 * np.abs(Y).max())
     friction = [k for k, one in enumerate(model.parameters) if not one.body]
     assert set(friction) <= set(found.indices)
+
+
+@pytest.mark.parametrize(
+    ("centred", "theta", "fixed", "moving"),
+    [
+        ((), (0.0, 0.0, 0.0), None, [0, 1]),
+        ((), (0.0, 1e6, 0.0), 0, [1]),
+        ((2,), (0.0, 0.0, 0.0), None, [0, 1, 2]),  # a prior keeps it
+        ((2,), (0.0, 0.0, 0.0), 2, [0, 1]),
+    ],
+)
+def test_directions_that_nothing_determines_stay(
+    centred: tuple[int, ...], theta: tuple[float, ...], fixed: int | None, moving: list[int]
+) -> None:
+    slopes = np.zeros((1, 1, 1, 3))
+    slopes[..., centred] = 1.0
+    constraint = PsdConstraint(np.ones((1, 1, 1)), slopes, np.ones((1, 1, 1)))
+    barrier, sigma = Barrier((constraint,) if centred else ()), Sigma(np.ones(2), np.ones(2))
+    likelihood = Likelihood(two_link_arm(), (), sigma, barrier, np.eye(3), RegressorColumns.all(3))
+    found = likelihood.open_directions(np.diag([1.0, 1.0, 0.0]), np.array(theta), fixed)
+    np.testing.assert_array_equal(found, np.eye(3)[:, moving])
 
 
 M, K, R, W = 12, 2, 3, 4  # unknowns of the trajectory, torques, parameters, width of the band

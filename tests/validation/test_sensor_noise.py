@@ -39,7 +39,7 @@ def recorded(model: Model, sigma_q: float, sigma_tau: float, ratio: float = 1.0)
     ("model", "sigma_q", "sigma_tau", "ratio"),
     [
         *((model, *sigma, 1.0) for model in ARMS.values() for sigma in ((1e-6, 0.05), (2e-4, 0.02), (1e-3, 1e-3))),
-        (ARMS["arm"], 1e-5, 1e-4, 100.0),
+        (ARMS["arm"], 1e-6, 1e-4, 100.0),
     ],
 )
 def test_the_true_parameters_leave_what_the_sensors_allow(

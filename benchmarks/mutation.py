@@ -88,7 +88,7 @@ class Outcome:
 def meaning(code: str) -> str | None:
     """Return the syntax tree without what has no effect on right input; None where the text is no Python.
 
-    These are annotations, and ``strict`` of ``zip``, which only checks that lengths agree.
+    These are annotations, ``strict`` of ``zip``, which only checks that lengths agree, and the ``maxsize`` of caches.
     """
     try:
         tree = ast.parse(code)
@@ -102,7 +102,7 @@ def meaning(code: str) -> str | None:
         elif isinstance(node, ast.FunctionDef):
             node.returns = None
         elif isinstance(node, ast.Call):
-            node.keywords = [one for one in node.keywords if one.arg != "strict"]
+            node.keywords = [one for one in node.keywords if one.arg not in ("strict", "maxsize")]
     return ast.dump(tree)
 
 

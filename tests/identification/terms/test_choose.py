@@ -99,6 +99,7 @@ def test_what_was_tried_is_told_with_gain_and_error() -> None:
     trials = {one.kind: one for one in choice.trials_of("j2")}
     assert trials["dahl"].outcome is TrialOutcome.ENTERED
     assert trials["dahl"].gain > 2.0 * trials["dahl"].std > 0
+    assert trials["dahl"].faster > 2.0 * trials["dahl"].faster_std > 0
     assert dict(trials["dahl"].settings)["length"] == pytest.approx(0.02, rel=0.5)
     assert trials["stribeck"].outcome in (TrialOutcome.TOO_SMALL, TrialOutcome.NEGATIVE, TrialOutcome.WITHIN_ERROR)
     assert {one.kind for one in choice.trials_of("j2")} >= {kind.name for kind in library_kinds()} - {

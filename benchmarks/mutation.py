@@ -36,7 +36,7 @@ EQUIVALENT = ROOT / "benchmarks" / "mutation_equivalent.toml"
 MEMORY = 8 << 30  # bytes that a mutant may take, where the system can limit it
 MAX_TESTS, MAX_TIME = 150, 400.0  # tests of a mutant at most, the nearest; seconds, after which it is taken as noticed
 # tests that compare all that is shown or written: they see what runs when a file is imported, and are never too far
-WIDE = tuple(f"tests/laws/test_{x}.py" for x in ("written", "shown", "sentences", "values", "printed"))
+WIDE = tuple(f"tests/laws/test_{x}.py" for x in ("written", "shown", "sentences", "values", "printed", "data"))
 OPERATORS = tuple(
     f"core/{name}"
     for name in (
@@ -88,7 +88,8 @@ class Outcome:
 def meaning(code: str) -> str | None:
     """Return the syntax tree without what has no effect on right input; None where the text is no Python.
 
-    These are annotations, whether arguments are given by name, and ``strict`` of ``zip``, which only compares lengths.
+    These are annotations, whether arguments are given by name, ``strict`` of ``zip``, which only compares lengths, and
+    the ``maxsize`` of caches.
     """
     try:
         tree = ast.parse(code)
@@ -103,7 +104,7 @@ def meaning(code: str) -> str | None:
         elif isinstance(node, ast.FunctionDef):
             node.returns = None
         elif isinstance(node, ast.Call):
-            node.keywords = [one for one in node.keywords if one.arg != "strict"]
+            node.keywords = [one for one in node.keywords if one.arg not in ("strict", "maxsize")]
     return ast.dump(tree)
 
 

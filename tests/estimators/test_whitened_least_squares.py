@@ -15,10 +15,10 @@ from dynident.estimators import (
     Problem,
     WeightedLeastSquares,
 )
-from dynident.estimators.notes import NotConverged, StillColoured, WhiteningCostly
+from dynident.estimators.notes import ErrorsInRegressor, NotConverged, StillColoured, WhiteningCostly
 from dynident.models.lagrangian import slider
 from dynident.regression import ParallelFilter, Regression, Selection
-from dynident.runtime import ConfigError, Use
+from dynident.runtime import ConfigError, Note, Use
 from dynident.testing.estimator import make_problem, multisine_motion
 from tests.estimators.arms import arm, problem
 from tests.estimators.coloured import ARM, COLOURED, CORRELATED, bound, noisy, repeated
@@ -141,3 +141,16 @@ def test_few_samples(estimator: LinearEstimator, samples: int) -> None:
     found = estimator(short)
     assert np.isfinite(found.value).all()
     assert (found.std > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("note", "forbidden"),
+    [
+        (WhiteningCostly("a", 2.0), Use.SIMULATION),
+        (WhiteningCostly("a", 2.0, chance=True), None),
+        (ErrorsInRegressor("a", 50.0), None),
+        (ErrorsInRegressor("a", 50.1), Use.CONTROL),
+    ],
+)
+def test_a_note_forbids_a_use_where_more_than_chance_or_half_is_wrong(note: Note, forbidden: Use | None) -> None:
+    assert note.forbidden is forbidden

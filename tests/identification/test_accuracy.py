@@ -92,7 +92,7 @@ def test_the_noise_of_the_sensors_is_found() -> None:
     assert found.noise.torques == Origin(Measure.RESIDUAL)
 
 
-def test_an_encoder_is_no_better_than_its_step() -> None:
+def test_an_encoder_is_as_good_as_its_step() -> None:
     model, log = swing(sigma_q=1e-9)
     step = 1e-3
     coarse = Log(log.t, step * np.round(log.q / step), log.tau, log.joints)

@@ -12,7 +12,7 @@ import pytest
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
 from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.identification import Identification, Recipe, identify, judge
-from dynident.identification.outliers import HeldOutOutliers
+from dynident.identification.outliers import HeldOutOutliers, _reversal_samples
 from dynident.identification.verdict_reasons import SilentTorque
 from dynident.models.lagrangian import pendulum, two_link_arm
 from dynident.models.simulation import record, simulate
@@ -75,6 +75,16 @@ def test_the_fit_is_that_without_them(one: Log, changes: dict) -> None:
 def test_they_can_be_kept() -> None:
     clean, kept = unspoilt(), fitted(WRONG["one of 5000 N m"], outliers="keep")
     assert np.any(np.abs(kept.estimate.value - clean.estimate.value) > 50 * clean.errors.std)
+
+
+@pytest.mark.parametrize(("samples", "is_near"), [(17, True), (21, False)])
+def test_a_joint_that_stops_within_four_spikes_beyond_the_end_is_at_a_reversal(samples: int, is_near: bool) -> None:
+    """It brakes evenly, and would come to rest so many samples later."""
+    t = np.arange(200) * 0.005
+    dq = 3.0 * (t[-1] + samples * t[1] - t)[:, None]
+    zero = 0 * dq
+    braking = Motion(t, zero, dq, zero - 3.0, zero, ("pivot",), np.ones(200, dtype=bool))
+    assert _reversal_samples(braking, 0).tolist() == [is_near and k >= 180 for k in range(200)]
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -11,9 +11,11 @@ import pytest
 
 from dynident.estimators import LeastSquares
 from dynident.identification import Identification, Recipe, identify
+from dynident.models.simulation import PD
 from dynident.motion.log import Log
-from dynident.motion.smoothers import Spline, TimeShifted
+from dynident.motion.smoothers import Spline, TimeShifted, smooth_log
 from dynident.runtime import ConfigError, InputError
+from dynident.validation import free_run
 from tests.identification.test_base_tilt import tilted
 from tests.identification.test_time_offset import swing
 from tests.project.same import assert_same
@@ -55,6 +57,20 @@ def test_a_time_offset_is_not_applied_twice() -> None:
     twice = identify(arm, [log], (), once.recipe)
     assert once.recipe.smoother == twice.recipe.smoother == TimeShifted(Spline(), 0.004)
     assert (once.validations[0].motion.time_offset, twice.recipe.time_offset) == (0.004, 0.004)
+
+
+@pytest.mark.parametrize("is_looped", [True, False])
+def test_a_controller_sees_positions_when_they_were_stamped(is_looped: bool) -> None:
+    """Other free runs start from the motion of the fit."""
+    arm, motion = swing(401)
+    one = np.ones(2)
+    drive = PD(motion.joints, motion.t, motion.q, 10 * one, one, one, one * np.inf, 0 * motion.q) if is_looped else None
+    log = Log(motion.t, motion.q, motion.tau, motion.joints, "swing", controller=drive)
+    found = identify(arm, [log], (), Recipe(time_offset=0.004, restart=None if is_looped else 0.5))
+    (validation,) = found.validations
+    start = smooth_log(Spline(), log) if is_looped else validation.motion
+    expected = free_run(found.model, found.estimate.value, start, drive, restart=0.5)
+    np.testing.assert_array_equal(validation.free_run.q, expected.q)
 
 
 def test_a_new_log_is_predicted_with_joints_in_any_order(found: Identification) -> None:

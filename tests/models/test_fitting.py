@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynident.models.geometry import Balls, fit_capsule, fit_capsule_quickly
+from dynident.models.geometry import OUTER_DIRECTIONS, Balls, fit_capsule, fit_capsule_quickly
 
 
 def beyond(capsule, balls):
@@ -43,7 +43,15 @@ def test_a_capsule_is_found_again() -> None:
 def test_the_search_beats_the_principal_axes() -> None:
     rng = np.random.default_rng(2)
     bent = np.concatenate((rng.uniform(0, [1.0, 0.1, 0.1], (200, 3)), rng.uniform(0, [0.1, 0.4, 0.1], (200, 3))))
-    assert fit_capsule(points(bent)).volume < 0.95 * fit_capsule_quickly(points(bent)).volume
+    hooks = [[0.1 * x, 0.2, 0] for x in range(4)] + [[0.1 * x, -0.2, 0] for x in range(7, 11)]  # a tilted capsule
+    for shape, share in ((bent, 0.97), (np.array([*hooks, [0, -0.2, 0], [1, 0.2, 0]]), 0.5)):
+        assert fit_capsule(points(shape)).volume < share * fit_capsule_quickly(points(shape)).volume
+
+
+def test_the_outermost_are_sought_in_directions_all_around() -> None:
+    around = np.random.default_rng(0).normal(size=(4000, 3))
+    ball = points(around / np.linalg.norm(around, axis=1, keepdims=True))
+    assert len(ball.select_outermost().radii) == OUTER_DIRECTIONS
 
 
 @pytest.mark.parametrize("wide", [0, 60])

@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 from dynident.models import Joint, Lagrangian, Unknown
-from dynident.models.lagrangian import pendulum
+from dynident.models.lagrangian import pendulum, two_link_arm
 from dynident.runtime import ModelError
 
 q1, q2, dq1, dq2 = sp.symbols("q1 q2 dq1 dq2")
@@ -45,9 +45,11 @@ def one_joint(kinetic, potential=0, unknowns=MASS, **changes):
     return Lagrangian(SLIDE, (q1,), (dq1,), kinetic, potential, unknowns, **changes)
 
 
-def test_groups_of_the_article():
+@pytest.mark.parametrize("arm", [article_arm, two_link_arm.__wrapped__], ids=["as written", "gallery"])
+def test_groups_of_the_article(arm):
     """Eq. (40), theta1 to theta5, in this order."""
-    found = [(p.name, sp.sympify(p.expression, locals={"I1": I1, "I2": I2}), p.unit) for p in article_arm().parameters]
+    groups = arm().parameters[:5]
+    found = [(p.name, sp.sympify(p.expression, locals={"I1": I1, "I2": I2}), p.unit) for p in groups]
     assert found == [
         ("theta1", m1 * lc1**2 + I1 + m2 * l1**2, "kg m^2"),
         ("theta2", m2 * lc2**2 + I2, "kg m^2"),

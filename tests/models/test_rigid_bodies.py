@@ -27,6 +27,13 @@ def test_joints_and_parameters_of_a_urdf():
     assert (last.name, last.unit, last.role, last.body) == ("wrist.Izz", "kg m^2", "Izz", "wrist")
 
 
+def test_gravity_pulls_down_the_z_axis_of_the_root():
+    lift = RigidBodies(
+        urdf(link("base"), link("load", 2.0), joint("lift", "prismatic", "base", "load", axis=(0, 0, 1)))
+    )
+    np.testing.assert_allclose(Model((lift,)).torque(*np.zeros((3, 1, 1)), values(lift)), 2.0 * 9.81)
+
+
 def test_joints_in_a_chosen_order():
     term = RigidBodies(ARM, joints_used=("twist", "shoulder", "rail"))
     assert [j.name for j in term.joints] == ["twist", "shoulder", "rail"]

@@ -70,10 +70,12 @@ def test_blocks_can_be_asked_for_again() -> None:
     assert made.triangular_factors is made.triangular_factors
 
 
-def test_residuals_are_rows_of_their_own() -> None:
-    made = Regression(ARM, (motion(50),), Selection(ParallelFilter(decimate=2)), bias=0.1 * THETA)
-    (one,), (left,) = made.blocks(), made.entries(theta=THETA)
-    np.testing.assert_allclose(left.tau.T, one.tau - one.Y @ THETA, atol=1e-12)
+@pytest.mark.parametrize("parallel_filter", [None, ParallelFilter(decimate=2)])
+def test_residuals_are_rows_of_their_own(parallel_filter: ParallelFilter | None) -> None:
+    made = Regression(ARM, (motion(50),), Selection(parallel_filter), bias=0.1 * THETA)
+    (one,), (left,), ((_, _, residual, _),) = made.blocks(), made.entries(theta=THETA), made.residuals(THETA)
+    for found in (left.tau.T, residual):
+        np.testing.assert_allclose(found, one.tau - one.Y @ THETA, atol=1e-12)
 
 
 @pytest.mark.parametrize(

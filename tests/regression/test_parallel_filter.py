@@ -117,5 +117,7 @@ def test_any_positive_cutoff_is_a_setting() -> None:
 
 @pytest.mark.parametrize("cutoff", [50.0, 80.0, 1e5])
 def test_cutoff_above_half_the_sampling_rate(cutoff: float) -> None:
-    with pytest.raises(ConfigError, match=rf"made: .* {cutoff:g} Hz does not lie below half .* \(50 Hz\)"):
+    with pytest.raises(
+        ConfigError, match=rf"made: the parallel filter's cut-off {cutoff:g} Hz does not lie below half .* \(50 Hz\)"
+    ):
         _ = Regression(ARM, (motion(),), Selection(ParallelFilter(cutoff=cutoff))).triangular_factors

@@ -149,11 +149,12 @@ def test_residuals_are_examined_on_the_longest_stretch() -> None:
 
 
 def test_mass_is_looked_at_over_the_logs_and_within_the_limits() -> None:
-    """A mass 1 + 3 cos(3 q) of joint a is negative only beyond q = 0.5, where neither limits nor logs reach."""
+    """A mass 1 + 3 cos(3 q) of joint a is negative only beyond q = 0.5, where neither limits nor logs reach, and that
+    of joint b, 1 + 3 cos(1.5 q), beyond 1 m, which stands for its limits."""
     import sympy as sp
 
     a, b, da, db, m, c = sp.symbols("a b da db m c")
-    kinetic = (m * da**2 + c * sp.cos(3 * a) * da**2 + m * db**2) / 2
+    kinetic = ((m + c * sp.cos(3 * a)) * da**2 + (m + c * sp.cos(1.5 * b)) * db**2) / 2
     unknowns = (Unknown(m, "kg"), Unknown(c, "kg"))
     mass = Lagrangian(MODEL.joints, (a, b), (da, db), kinetic, 0, unknowns)
     still = motion([[1, 1]] * 5, [[1, 1]] * 5)

@@ -74,7 +74,7 @@ def nearest_feasible(theta: Array, hessian: Array, matrices: Sequence[Array], sl
     return np.asarray(theta + unit * point)
 
 
-@dataclass
+@dataclass(eq=False)
 class _ConicProgram:
     """The constraints b - A x in K, gathered block by block."""
 

@@ -29,7 +29,7 @@ _HEADERS: dict[tuple[int, int], Callable[..., Any]] = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StoredArray:
     """An array that is still in its file.
 

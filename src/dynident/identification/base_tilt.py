@@ -172,7 +172,7 @@ def _search_tilt(
     return (x, y), (float(std[0]), float(std[1])), error
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _TiltGain:
     """The cross-validated gain of a tilt over a level base, by linearisation of the torque at a nearby tilt.
 

@@ -106,7 +106,7 @@ class Parameter:
     body: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Partials:
     """Partial derivatives of the torque: ``dq[i, j, k]`` = d tau_j / d dq_k at sample i; each (N, n, n)."""
 

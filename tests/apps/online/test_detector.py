@@ -132,6 +132,14 @@ def test_nothing_is_said_where_nothing_changes_but_that_the_baseline_is_known() 
     np.testing.assert_allclose(only.residual, 1.0, atol=0.1)
 
 
+@pytest.mark.parametrize("share", [1.0, 0.01])
+def test_the_baseline_learns_how_much_scores_scatter(share: float) -> None:
+    rng, of = np.random.default_rng(1), detector()
+    blocks = (block(rng, k) for k in range(BASELINE))
+    known, _ = stepped(of, of.start(), (replace(one, score=share * one.score) for one in blocks))
+    assert np.median(known.reference.spread) == pytest.approx(share**2 * SPREAD, rel=0.3)
+
+
 def test_alarms_by_chance_are_not_more_than_stated() -> None:
     """At 1440 a day, or one in 12 blocks: the stated rate is an upper bound, and not far from what is."""
     events = watched(600 + BASELINE, block, detector(rate=1440.0))

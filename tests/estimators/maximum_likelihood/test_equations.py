@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pytest
 
 from dynident.apps.demo import demo_truth
-from dynident.estimators.maximum_likelihood import Equations
-from dynident.estimators.maximum_likelihood.equations import Likelihood, RegressorColumns
+from dynident.estimators import Barrier, PsdConstraint
+from dynident.estimators.maximum_likelihood import Equations, Likelihood, Sigma
+from dynident.estimators.maximum_likelihood.equations import RegressorColumns
 from dynident.estimators.maximum_likelihood.newton import Elimination
 from dynident.estimators.maximum_likelihood.trajectory import Arrow
+from dynident.models.lagrangian import two_link_arm
 
 
 def test_columns_of_bodies_follow_from_the_independent_ones(rng: np.random.Generator) -> None:
@@ -27,22 +26,24 @@ def test_columns_of_bodies_follow_from_the_independent_ones(rng: np.random.Gener
 
 
 @pytest.mark.parametrize(
-    ("centred", "theta", "fixed", "columns"),
+    ("centred", "theta", "fixed", "moving"),
     [
-        ((), (0, 0, 0), None, [0]),
-        ((1,), (0, 0, 0), None, [0, 1]),
-        ((2,), (0, 0, 0), None, [0]),
-        ((), (0, 1e9, 0), None, [0, 1]),
-        ((0, 1), (0, 0, 0), 0, [1]),
+        ((), (0.0, 0.0, 0.0), None, [0, 1]),
+        ((), (0.0, 1e6, 0.0), 0, [1]),
+        ((2,), (0.0, 0.0, 0.0), None, [0, 1, 2]),  # a prior keeps it
+        ((2,), (0.0, 0.0, 0.0), 2, [0, 1]),
     ],
 )
-def test_a_direction_moves_where_data_or_a_prior_hold_it(
-    centred: tuple[int, ...], theta: tuple[float, ...], fixed: int | None, columns: list[int]
+def test_directions_that_nothing_determines_stay(
+    centred: tuple[int, ...], theta: tuple[float, ...], fixed: int | None, moving: list[int]
 ) -> None:
-    barrier = SimpleNamespace(centred_components=np.isin(range(3), centred))
-    likelihood: Any = SimpleNamespace(directions=np.eye(3)[:, :2], barrier=barrier)
-    open_directions = Likelihood.open_directions(likelihood, np.diag([1.0, 1e-15, 1.0]), np.array(theta), fixed)
-    np.testing.assert_array_equal(open_directions, np.eye(3)[:, columns])
+    slopes = np.zeros((1, 1, 1, 3))
+    slopes[..., centred] = 1.0
+    constraint = PsdConstraint(np.ones((1, 1, 1)), slopes, np.ones((1, 1, 1)))
+    barrier, sigma = Barrier((constraint,) if centred else ()), Sigma(np.ones(2), np.ones(2))
+    likelihood = Likelihood(two_link_arm(), (), sigma, barrier, np.eye(3), RegressorColumns.all(3))
+    found = likelihood.open_directions(np.diag([1.0, 1.0, 0.0]), np.array(theta), fixed)
+    np.testing.assert_array_equal(found, np.eye(3)[:, moving])
 
 
 M, K, R, W = 12, 2, 3, 4  # unknowns of the trajectory, torques, parameters, width of the band

@@ -7,6 +7,7 @@ import pytest
 
 from dynident.estimators import Barrier
 from dynident.estimators.maximum_likelihood import LikelihoodSearch, NewtonSettings, Recordings, Sigma
+from dynident.estimators.maximum_likelihood.equations import Hypothesis, scores
 from dynident.estimators.maximum_likelihood.plan import crossing, sweep_intervals
 from dynident.models.lagrangian import slider
 from dynident.motion.log import Log
@@ -51,6 +52,19 @@ def test_the_torque_decides_where_positions_are_never_white() -> None:
 
 def test_without_any_torque_there_are_knots_all_the_same() -> None:
     assert intervals(search(coloured=True, used=False)) > 2000 / 80
+
+
+def test_the_scatter_is_that_of_the_scores_of_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two halves, which contribute the same, as their sum is zero at the optimum."""
+    monkeypatch.setattr("dynident.estimators.maximum_likelihood.search.SCORE_CLUSTERS", 2)
+    found = search(coloured=False)
+    found.choose_knots(None, from_rest=False, condense=False)
+    fit, (segment,) = found.run(), found.segments
+    inverse, hypothesis = np.linalg.inv(fit.information), Hypothesis(found.model, fit.theta, found.sigma)
+    pulls = scores(segment, hypothesis, fit.states[0], fit.segments[0].sensitivity @ fit.columns.combination)
+    std, count = found.sandwich_std(fit, inverse)
+    np.testing.assert_allclose(std, np.sqrt(2) * np.abs(pulls[: len(pulls) // 2].sum(axis=0) @ inverse), rtol=1e-6)
+    np.testing.assert_allclose(count, 2.0, rtol=1e-6)
 
 
 class TestProfile:

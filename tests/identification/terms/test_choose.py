@@ -99,6 +99,7 @@ def test_what_was_tried_is_told_with_gain_and_error() -> None:
     trials = {one.kind: one for one in choice.trials_of("j2")}
     assert trials["dahl"].outcome is TrialOutcome.ENTERED
     assert trials["dahl"].gain > 2.0 * trials["dahl"].std > 0
+    assert trials["dahl"].faster > 2.0 * trials["dahl"].faster_std > 0
     assert dict(trials["dahl"].settings)["length"] == pytest.approx(0.02, rel=0.5)
     assert trials["stribeck"].outcome in (TrialOutcome.TOO_SMALL, TrialOutcome.NEGATIVE, TrialOutcome.WITHIN_ERROR)
     assert {one.kind for one in choice.trials_of("j2")} >= {kind.name for kind in library_kinds()} - {
@@ -107,17 +108,30 @@ def test_what_was_tried_is_told_with_gain_and_error() -> None:
         "rotor",
         "drift",  # the recordings are short
     }
+    tau = recorded(simulated.dahl, 1).tau
+    noise = 100 * 0.05 * simulated.SIZE / np.sqrt(np.mean(tau**2, axis=0))  # %, of which the choice leaves little more
+    assert choice.after == pytest.approx(noise, rel=0.2)
     assert all(after < before for before, after in zip(choice.before, choice.after, strict=True))
     tau = recorded(simulated.dahl, 1).tau
     np.testing.assert_allclose(choice.after, 5.0 * simulated.SIZE / np.sqrt(np.mean(tau**2, axis=0)), rtol=0.12)
 
 
-def test_drift_is_tried_on_long_recordings_alone() -> None:
-    (drift,) = (kind for kind in library_kinds() if kind.name == "drift")
+@pytest.mark.parametrize(
+    ("kind", "constant", "sizes"),
+    [
+        ("coulomb", "width", [0.0, *np.geomspace(0.01, 0.8673617, 21)]),  # up to about the rms speed
+        ("wide_coulomb", "width", np.geomspace(0.2, 2.3283064, 12)),
+        ("dahl", "length", np.geomspace(3e-4, 0.1240770, 28)),
+        ("drift", "time", [5.4, 18.0, 54.0]),
+    ],
+)
+def test_sizes_are_shares_of_the_excitation(kind: str, constant: str, sizes: list[float]) -> None:
+    """And drift is tried on long recordings alone."""
+    (tried,) = (one for one in library_kinds() if one.name == kind)
     joint = Joint("j1")
-    short, long = (JointExcitation((joint,), joint, 1.0, 1.0, seconds) for seconds in (17.9, 18.0))
-    assert drift.sizes(short) == ()
-    assert len(drift.sizes(long)) == 3
+    short, long = (JointExcitation((joint,), joint, 2.0, 3.0, seconds) for seconds in (17.9, 18.0))
+    assert [term.constant(constant, "j1") for term in tried.sizes(long)] == pytest.approx(sizes, rel=1e-6)
+    assert len(tried.sizes(short)) == (0 if kind == "drift" else len(sizes))
 
 
 def test_the_minimum_speed_is_left_to_terms_that_describe_reversals() -> None:

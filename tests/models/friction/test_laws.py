@@ -194,11 +194,12 @@ def test_the_slope_is_finite_at_rest_and_close_to_it(term):
         ({"width": -0.1}, "width is -0.1; give a velocity of 0 or more"),
         ({"dead_band": float("nan")}, "dead_band is nan"),
         ({"width": float("inf")}, "width is inf"),
+        ({"velocity": 0.0}, "velocity is 0.0; give a velocity above 0"),
     ],
 )
 def test_wrong_fields(arguments, message):
     with pytest.raises(ModelError, match=message):
-        Coulomb(JOINTS, **arguments)
+        (Stribeck if "velocity" in arguments else Coulomb)(JOINTS, **arguments)
 
 
 def test_a_term_without_a_law_says_what_it_lacks():

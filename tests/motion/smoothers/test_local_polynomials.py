@@ -7,13 +7,20 @@ import pytest
 from scipy.signal import savgol_filter
 
 from dynident.motion.smoothers import savitzky_golay as local_polynomials
-from dynident.motion.smoothers.savitzky_golay import fit_polynomials, order_differences
+from dynident.motion.smoothers.savitzky_golay import fit_polynomials, is_even, order_differences
 
 RNG = np.random.default_rng(0)
 
 
 def uneven(samples: int) -> np.ndarray:
     return np.sort(np.random.default_rng(1).uniform(0.0, 10.0, samples))
+
+
+@pytest.mark.parametrize(("start", "shift", "expected"), [(0.0, 1e-10, True), (1e9, 0.0, True), (0.0, 1e-8, False)])
+def test_stamps_are_even_but_for_rounding(start: float, shift: float, expected: bool) -> None:
+    """The eighth is shifted by a share of the step."""
+    t = start + 0.02 * (np.arange(500) + shift * (np.arange(500) == 7))
+    assert is_even(t) is expected
 
 
 @pytest.mark.parametrize(("half", "order"), [(3, 4), (10, 2), (40, 5)])

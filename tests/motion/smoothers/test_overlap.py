@@ -58,6 +58,13 @@ def worst(whole: Motion, part: Motion, first: int, inside: slice) -> float:
     return max(float((np.abs(b - a) / np.abs(a).max(axis=0)).max()) for a, b in pairs)
 
 
+@pytest.mark.parametrize("smoother", [SPLINES["usual"], OTHERS["difference"]], ids=["spline", "difference"])
+def test_a_time_shift_needs_as_many_samples_more(smoother: Smoother) -> None:
+    log = recording()
+    plain, shifted = (overlap(x, log, smooth_log(x, log)) for x in (smoother, TimeShifted(smoother, -0.0123)))
+    assert shifted - plain == 9  # of 2 ms, and two in which the motion between samples is sought
+
+
 @pytest.mark.parametrize("name", [*SPLINES, *OTHERS])
 def test_a_piece_with_the_overlap_has_the_motion_of_the_whole(name: str) -> None:
     smoother, log = {**SPLINES, **OTHERS}[name], recording()

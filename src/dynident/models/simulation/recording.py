@@ -222,7 +222,8 @@ def _integrate(system: _System, start: Array, t: Array, tolerance: float) -> Arr
         raise ConfigError(f"{system.source}: tolerance is {tolerance}; give a number from 1e-13 to below 1.")
     # LSODA takes the root mean square over all runs: one of them alone may have sqrt(B) times the error
     step_tolerance = max(tolerance / np.sqrt(len(start)), 100 * np.finfo(float).eps)
-    band = start.shape[1] - 1  # the runs do not depend on each other
+    # the runs do not depend on each other; for one alone LSODA takes many more steps if given a band
+    band = start.shape[1] - 1 if len(start) > 1 else None
     with np.errstate(over="ignore", invalid="ignore"):  # a diverging run is reported below
         settings = {"rtol": step_tolerance, "atol": step_tolerance, "lband": band, "uband": band}
         solution = solve_ivp(system.slope, (t[0], t[-1]), start.ravel(), method="LSODA", t_eval=t, **settings)

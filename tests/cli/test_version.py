@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import platform
+import re
+import shutil
+import subprocess
 from importlib import metadata
 from pathlib import Path
 
@@ -31,3 +34,11 @@ def test_only_a_clone_has_a_commit(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     package.mkdir(parents=True)
     (package / "commit.txt").write_text("1234abc\n")
     assert version.commit() == "1234abc"
+    clone = tmp_path / "clone"
+    (clone / "src" / "dynident").mkdir(parents=True)
+    monkeypatch.setattr(version, "__file__", str(clone / "src" / "dynident" / "cli" / "version.py"))
+    git = [shutil.which("git") or pytest.skip("there is no git"), "-C", str(clone)]
+    author = ("-c", "user.name=a", "-c", "user.email=a@b")
+    for words in (("init",), (*author, "commit", "--allow-empty", "--message=first")):
+        subprocess.run([*git, *words], check=True, capture_output=True)
+    assert re.fullmatch("[0-9a-f]{7,40}", version.commit() or "")

@@ -73,6 +73,7 @@ class Many(Smoother):
     window: Window = Window.FLAT
     taps: Sequence[float] = ()
     names: tuple[str, ...] = ()
+    bands: tuple[tuple[float, float], ...] = ()  # pairs, but of no mapping
     share: Mapping[str, float] | float | None = None
 
     def __post_init__(self):
@@ -93,6 +94,7 @@ class Hidden(Smoother):
 def test_settings_of_many_types(tmp_path):
     (tmp_path / "lab.py").write_text(LAB)
     settings = {"kind": "lab.py:Many", "window": "hann", "taps": [1, "2e-1"], "names": ["a"], "share": {"b": 1}}
+    settings["bands"] = [[1, 2], [3, 4]]
     part = build(SMOOTHERS, settings, "smoother", tmp_path)
     assert (part.window.value, part.taps, part.names, part.share) == ("hann", (1.0, 0.2), ("a",), {"b": 1.0})
     assert build(SMOOTHERS, json.loads(json.dumps(SMOOTHERS.describe(part))), "smoother", tmp_path) == part

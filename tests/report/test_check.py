@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dynident.checks import ChannelFacts, CheckResult, ExcitedRank, log_notes
+import numpy as np
+
+from dynident.checks import ChannelFacts, CheckResult, ExcitedRank, RobotJointFacts, log_notes
+from dynident.checks.robot import LinkFacts
 from dynident.identification import TimeOffset
+from dynident.models.robot_files import RobotJointLimits
 from dynident.regression import UnexcitedParameters
 from dynident.report.check import check_dict, check_summary, check_tables
 from dynident.runtime import Finding, Remark, Severity
@@ -30,6 +34,21 @@ def test_what_the_figures_of_channels_leave_out_is_said() -> None:
     ):
         (table,) = check_tables(CheckResult((), channels={"one": (replace(fact, **changes),)}))
         assert table.caption == f"Channels of one, SI{said}"
+
+
+def test_the_type_of_a_joint_is_that_of_its_limits() -> None:
+    for kind, lower, upper, held, shown in (
+        ("revolute", None, None, "", "continuous"),
+        ("revolute", None, 1.0, "", "revolute"),
+        ("revolute", -1.0, None, "", "revolute"),
+        ("prismatic", None, None, "", "prismatic"),
+        ("revolute", None, None, "planar", "held fixed"),
+    ):
+        fact = RobotJointFacts("a", kind, RobotJointLimits(np.nan, 2.0, lower, upper), None, held, 0.5)
+        link = LinkFacts("arm", 0.5, np.zeros(3), np.ones(3))
+        table, *_ = check_tables(CheckResult((), links=(link,), joints=(fact,)))
+        limits = ["-" if limit is None else f"{limit:g}" for limit in (lower, upper)]
+        assert table.rows == (("a", shown, *limits, "2", "-", "0.5"),)
 
 
 def test_each_of_several_outliers_is_named() -> None:

@@ -24,8 +24,8 @@ FORMATS = [Drake(), DrakeDirectives(), IsaacLab(), PinocchioFile()]
 SERVOS = {"shoulder": Servo(17.0, 1.5, 3.0, 0.02, 5.0)}
 
 
-def identified(text=ARM, **options):
-    one = arm(text, gravity=(1.0, 2.0, -9.0), **options)
+def identified(text=ARM, gravity=(1.0, 2.0, -9.0)):
+    one = arm(text, gravity=gravity)
     return replace(one, std=np.full(len(one.value), 0.01), servos=SERVOS)
 
 
@@ -95,8 +95,9 @@ def test_an_actuator_of_the_file_is_used():
     assert 'value="9"' not in made.written.text
 
 
-def test_an_isaac_module_has_values_by_joint():
-    text = export(identified(), IsaacLab(), STATES).written.text
+@pytest.mark.parametrize("gravity", [(1.0, 2.0, -9.0), (9.0, 0.0, 0.0), (0.0, 0.0, 9.0)])
+def test_an_isaac_module_has_values_by_joint(gravity):
+    text = export(identified(gravity=gravity), IsaacLab(), STATES).written.text
     values = read_literals(text)
     assert values["URDF"] == "robot.identified.urdf"
     assert values["STIFFNESS"]["shoulder"] == 17.0

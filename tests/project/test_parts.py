@@ -55,7 +55,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from annotated_types import Gt
 
 from dynident.motion.smoothers import Smoother
 
@@ -74,7 +76,7 @@ class Many(Smoother):
     taps: Sequence[float] = ()
     names: tuple[str, ...] = ()
     bands: tuple[tuple[float, float], ...] = ()  # pairs, but of no mapping
-    share: Mapping[str, float] | float | None = None
+    share: Mapping[str, float] | Annotated[float, Gt(0)] | None = None
 
     def __post_init__(self):
         if len(self.taps) > 2:
@@ -102,6 +104,7 @@ def test_settings_of_many_types(tmp_path):
         ({"window": "han"}, "window: 'han' is not a choice; did you mean 'hann'"),
         ({"taps": [1, 2, 3]}, "KeyError: 'taps'"),
         ({"share": {"b": "x"}}, "share.b: a number is expected; got 'x'"),
+        ({"share": 0}, "share: should be greater than 0; got 0"),
         ({"kind": "lab.py:Hidden"}, "the type of a field is not known: name 'Fraction'"),
     ):
         with pytest.raises(ConfigError) as caught:

@@ -282,6 +282,9 @@ def test_channels_of_one_mapping_are_equally_long():
     short = {f"q{k}": wave(1.0, k)[:50] for k in (1, 2)} | {f"q_meas{k}": wave(1.0, k) for k in (1, 2)}
     found = map_columns(table(**short, tau1=wave(9.0), tau2=wave(9.0)), NUMBERED)
     assert chosen(found) == ["q_meas1", "q_meas2", "tau1", "tau2"]
+    short = {f"q{k}": wave(1.0, k)[:50] for k in (1, 2)}
+    found = map_columns(table(**short, current1=wave(9.0), current2=wave(9.0)), NUMBERED)
+    assert chosen(found) == ["q1", "q2", None, None]
 
 
 def test_gaps_are_seen():

@@ -211,7 +211,9 @@ class Coverage:
             tests = self._union(path, self.by_line[path])
         wide = {test for test in self.size if test.startswith(WIDE)}
         tests |= set() if is_inside or isinstance(statement, ast.FunctionDef) else wide
-        nearest = sorted(tests, key=lambda test: (self.size[test], test))
+        # a table of lambdas is a constant, too: who runs one of them comes first
+        runs_line = self.by_line[path].get(line, set[str]())
+        nearest = sorted(tests | runs_line, key=lambda test: (test not in runs_line, self.size[test], test))
         return nearest[:MAX_TESTS] + [test for test in nearest[MAX_TESTS:] if test in wide]
 
     def _union(self, path: str, lines: Collection[int]) -> set[str]:

@@ -56,11 +56,15 @@ def test_the_filter_of_the_recipe_counts_however_it_is_given(given: ParallelFilt
 
 
 def test_logs_of_other_rates_have_one_noise_in_any_order() -> None:
-    """At twice the rate white noise has half of its energy below the same frequency."""
+    """At twice the rate white noise has half of its energy below the same frequency; at a lower one, which the octave
+    above the cut-off exceeds, more of it.
+    """
     rng, silent = np.random.default_rng(4), motion(noise=0.0)
     noisy = [replace(x, tau=x.tau + rng.standard_normal(x.tau.shape)) for x in (silent, at_rate(silent, 2))]
     single = [fit_case(arm(), [x], samples=len(T)).noise for x in noisy]
     np.testing.assert_allclose(single[1], 0.5 * single[0], rtol=0.3)
+    slow = replace(noisy[0], t=1.25 * noisy[0].t)
+    np.testing.assert_allclose(fit_case(arm(), [slow], samples=len(T)).noise, 1.25 * single[0], rtol=0.3)
     for logs in (noisy, noisy[::-1]):
         both = fit_case(arm(), logs, samples=len(T)).noise
         assert (single[1] < both).all()

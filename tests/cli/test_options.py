@@ -46,7 +46,8 @@ def test_a_file_in_a_folder_and_what_the_shell_does_better(monkeypatch: pytest.M
     monkeypatch.chdir(tmp_path)
     assert completed(["check"], "arms/l") == [("plain", "arms/left.yaml")]
     assert completed(["check"], "ar") == [("dir", "ar")]
-    assert completed(["check"], "b") == [("file", "b")]
+    for name in ("b", "no/such"):
+        assert completed(["check"], name) == [("file", name)]
     assert completed(["check", "--json"], "") == [("file", "")]
     assert completed(["smooth", "x.csv", "--out"], "") == [("dir", "")]
 

@@ -59,6 +59,7 @@ def test_a_weighed_payload_and_then_another(folder: Path) -> None:
     done = run("payload", result, folder / "next.csv", "--gains", folder / "weighed" / "payload.json",
                "--out", folder / "next", "--frame", "turn")  # fmt: skip
     assert done.exit_code == 0, done.output
+    assert "these gains" not in done.output  # they are not of this payload
     data = json.loads((folder / "next" / "payload.json").read_text())
     assert data["frame"] == "turn"
     assert data["payload"][0]["value"] == pytest.approx(1.5, rel=0.02)

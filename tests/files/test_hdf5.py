@@ -43,6 +43,14 @@ def write_matlab(path):
     return path
 
 
+def test_groups_are_read_to_a_depth_of_twenty(tmp_path):
+    names = ["/".join([*["g"] * depth, "q"]) for depth in (20, 21)]
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name in names:
+            file[name] = np.arange(3.0)
+    assert list(read_columns(tmp_path / "a.h5").columns) == names[:1]
+
+
 @pytest.mark.parametrize("suffix", ["h5", "hdf5", "mat"])
 def test_arrays_are_columns(tmp_path, suffix):
     table = read_columns(write_hdf5(tmp_path / f"a.{suffix}"))

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import dynident as dy
-from dynident.files.opener import content, open_input, real_path, refuse_inputs, set_memory, watch_inputs
+from dynident.files.opener import content, open_input, read_text, real_path, refuse_inputs, set_memory, watch_inputs
 from dynident.files.results import read_table, write_text
 from dynident.files.tables import read_columns
 from dynident.project.config import read_config, robot_text
@@ -116,7 +116,7 @@ def test_a_name_that_no_file_can_have_is_the_error_of_its_kind() -> None:
             real_path("a\0b", error)
 
 
-def test_the_budget_is_that_of_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_budget_is_that_of_the_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv(MEMORY_VARIABLE, raising=False)
     assert memory_budget() == 4 * 10**9
     with watch_inputs():
@@ -124,6 +124,12 @@ def test_the_budget_is_that_of_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
         with watch_inputs():
             assert memory_budget() == 2 * 10**9
     assert memory_budget() == 4 * 10**9
+    (tmp_path / "text").write_bytes(bytes(700_000))
+    with watch_inputs():
+        set_memory(1e-3)  # a byte takes a byte, unless the caller says more
+        assert len(read_text(tmp_path / "text")) == len(content(tmp_path / "text")) == 700_000
+        with pytest.raises(InputError, match="--memory"):
+            read_text(tmp_path / "text", weight=2)
 
 
 def test_a_file_beyond_the_budget_is_refused_before_it_is_read(tmp_path: Path) -> None:

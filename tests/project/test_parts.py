@@ -55,7 +55,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from annotated_types import Gt
 
 from dynident.motion.smoothers import Smoother
 
@@ -73,8 +75,8 @@ class Many(Smoother):
     window: Window = Window.FLAT
     taps: Sequence[float] = ()
     names: tuple[str, ...] = ()
-    bands: tuple[tuple[float, float], ...] = ()
-    share: Mapping[str, float] | float | None = None
+    bands: tuple[tuple[float, float], ...] = ()  # pairs, but of no mapping
+    share: Mapping[str, float] | Annotated[float, Gt(0)] | None = None
 
     def __post_init__(self):
         if len(self.taps) > 2:
@@ -94,15 +96,21 @@ class Hidden(Smoother):
 def test_settings_of_many_types(tmp_path):
     (tmp_path / "lab.py").write_text(LAB)
     settings = {"kind": "lab.py:Many", "window": "hann", "taps": [1, "2e-1"], "names": ["a"], "share": {"b": 1}}
-    settings["bands"] = [[1, 2]]
+    settings["bands"] = [[1, 2], [3, 4]]
     part = build(SMOOTHERS, settings, "smoother", tmp_path)
-    assert (part.window.value, part.taps, part.names, part.bands) == ("hann", (1.0, 0.2), ("a",), ((1.0, 2.0),))
+    assert (part.window.value, part.taps, part.names, part.bands) == (
+        "hann",
+        (1.0, 0.2),
+        ("a",),
+        ((1.0, 2.0), (3.0, 4.0)),
+    )
     assert part.share == {"b": 1.0}
     assert build(SMOOTHERS, json.loads(json.dumps(SMOOTHERS.describe(part))), "smoother", tmp_path) == part
     for change, words in (
         ({"window": "han"}, "window: 'han' is not a choice; did you mean 'hann'"),
         ({"taps": [1, 2, 3]}, "KeyError: 'taps'"),
         ({"share": {"b": "x"}}, "share.b: a number is expected; got 'x'"),
+        ({"share": 0}, "share: should be greater than 0; got 0"),
         ({"kind": "lab.py:Hidden"}, "the type of a field is not known: name 'Fraction'"),
     ):
         with pytest.raises(ConfigError) as caught:

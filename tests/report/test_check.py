@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.checks import ChannelFacts, CheckResult, ExcitedRank, log_notes
-from dynident.checks.robot import LinkFacts, RobotJointFacts
+from dynident.checks import ChannelFacts, CheckResult, ExcitedRank, RobotJointFacts, log_notes
+from dynident.checks.robot import LinkFacts
 from dynident.identification import TimeOffset
 from dynident.models.robot_files import RobotJointLimits
 from dynident.regression import UnexcitedParameters
@@ -36,19 +36,19 @@ def test_what_the_figures_of_channels_leave_out_is_said() -> None:
         assert table.caption == f"Channels of one, SI{said}"
 
 
-def test_the_type_of_a_joint_is_continuous_where_it_has_no_end() -> None:
-    open_ends, lower = RobotJointLimits(3.0, 2.0), RobotJointLimits(3.0, 2.0, lower=-1.0)
-    cases = (
-        ("revolute", open_ends, "", "continuous"),
-        ("revolute", lower, "", "revolute"),
-        ("prismatic", open_ends, "", "prismatic"),
-        ("revolute", open_ends, "three coordinates", "held fixed"),
-    )
-    joints = tuple(RobotJointFacts("a", kind, limits, None, held, 4.0) for kind, limits, held, _ in cases)
-    links = (LinkFacts("a", 4.0, np.zeros(3), np.ones(3)),)
-    table = next(iter(check_tables(CheckResult((), joints=joints, links=links))))
-    assert [row[1] for row in table.rows] == [said for *_, said in cases]
-    assert table.rows[1][2:] == ("-1", "-", "2", "3", "4")
+def test_the_type_of_a_joint_is_that_of_its_limits() -> None:
+    for kind, lower, upper, held, shown in (
+        ("revolute", None, None, "", "continuous"),
+        ("revolute", None, 1.0, "", "revolute"),
+        ("revolute", -1.0, None, "", "revolute"),
+        ("prismatic", None, None, "", "prismatic"),
+        ("revolute", None, None, "planar", "held fixed"),
+    ):
+        fact = RobotJointFacts("a", kind, RobotJointLimits(np.nan, 2.0, lower, upper), None, held, 0.5)
+        link = LinkFacts("arm", 0.5, np.zeros(3), np.ones(3))
+        table, *_ = check_tables(CheckResult((), links=(link,), joints=(fact,)))
+        limits = ["-" if limit is None else f"{limit:g}" for limit in (lower, upper)]
+        assert table.rows == (("a", shown, *limits, "2", "-", "0.5"),)
 
 
 def test_each_of_several_outliers_is_named() -> None:

@@ -141,6 +141,7 @@ def test_meanings_of_parameters_are_formulas():
     assert arm["theta3"].startswith('<math alttext="l1*lc2*m2">')
     assert "<mi>μ</mi>" in arm["theta6"]
     assert str(meanings(slider()).rows[2][1]).startswith('Coulomb friction: <math alttext="F_c * sign(dq)">')
+    assert "<mi>b</mi>" in meanings(Model((Viscous(JOINTS, on=("base",), names=("b",)),))).rows[0][1]
     assert render("Title", "Lead", [PageSection("One", (table,))]).count("<math alttext=") == 7
     plain = PageTable((Column("parameter", numeric=False), Column("value")), (("a", "1"),))
     assert with_formulas(plain, Model(slider().terms)) is plain

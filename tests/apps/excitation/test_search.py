@@ -2,6 +2,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -241,6 +242,15 @@ def test_it_goes_on_where_the_barrier_ends_and_keeps_to_the_limits():
     assert after < before - 0.5
     assert TIGHT_TORQUE.is_inside(better)
     assert after == pytest.approx(TIGHT_TORQUE.at(better, 0.0).criterion)
+
+
+def test_a_step_beyond_the_barrier_is_shortened():
+    def at(x, weight):
+        return None if x > 0.3 else SimpleNamespace(value=(x - 1.0) ** 2, gradient=2.0 * (x - 1.0))
+
+    edge = SimpleNamespace(at=at, range_slack=lambda x: np.full(1, np.inf), constraint_values=lambda step: step)
+    x, _ = polish._line_search(edge, np.zeros(1), np.ones(1), at(np.zeros(1), 0.0), 0.0)
+    assert x == 0.25
 
 
 def test_without_a_better_motion_it_gives_the_one_it_began_with(monkeypatch):

@@ -131,10 +131,10 @@ def test_positions_beyond_two_pi_are_asked_about():
     turning = map_columns(table(**signals(size=90.0)), NUMBERED, ros=True)
     assert {one.unit for one in turning.position.values()} == {"rad"}
     assert all("exceeds the range of the joint" in one.question for one in turning.position.values())
-    endless = map_columns(
-        table(q=wave(9.0), tau=wave(1.0)), [MovableJoint("wheel", "revolute", RobotJointLimits(effort=2.0))]
-    )
-    assert "multi_turn" in endless.position["wheel"].question or endless.position["wheel"].unit == "deg"
+    wheel = MovableJoint("wheel", "revolute", RobotJointLimits(effort=2.0))
+    for size, words in ((9.0, "multi_turn"), (3.5, "multi_turn"), (3.0, "")):
+        endless = map_columns(table(q=wave(size), tau=wave(1.0)), [wheel], ros=True).position["wheel"]
+        assert (words in endless.question) if words else endless.question == "", size
 
 
 @pytest.mark.parametrize(("peak", "asked"), [(20.0, ""), (400.0, "exceeds the limit 50"), (0.1, "before the gear")])
@@ -197,6 +197,11 @@ def test_joints_that_are_not_identified_are_locked():
     assert list(found.position) == ["shoulder", "elbow"]
     assert {name: value for name, (value, _) in found.lock.items()} == {"finger": 0.01, "coupler": 0.0}
     assert "not in the log" in found.lock["finger"][1]
+    below, free = (MovableJoint(name, "prismatic", RobotJointLimits(upper=x)) for name, x in (("a", -0.1), ("b", None)))
+    assert {x: at for x, (at, _) in map_columns(table(**columns), (*ARM, below, free)).lock.items()} == {
+        "a": -0.1,
+        "b": 0,
+    }
     assert "follows 'elbow'" in found.lock["coupler"][1]
     recorded = map_columns(table(**columns, finger_q=np.full(N, 0.02)), (*ARM, finger, tied))
     assert recorded.lock == {"finger": (0.02, "")}
@@ -277,6 +282,9 @@ def test_channels_of_one_mapping_are_equally_long():
     short = {f"q{k}": wave(1.0, k)[:50] for k in (1, 2)} | {f"q_meas{k}": wave(1.0, k) for k in (1, 2)}
     found = map_columns(table(**short, tau1=wave(9.0), tau2=wave(9.0)), NUMBERED)
     assert chosen(found) == ["q_meas1", "q_meas2", "tau1", "tau2"]
+    short = {f"q{k}": wave(1.0, k)[:50] for k in (1, 2)}
+    found = map_columns(table(**short, current1=wave(9.0), current2=wave(9.0)), NUMBERED)
+    assert chosen(found) == ["q1", "q2", None, None]
 
 
 def test_gaps_are_seen():

@@ -199,7 +199,7 @@ def test_a_change_within_the_baseline_is_said_and_the_baseline_goes_on() -> None
     rng, of = np.random.default_rng(1), detector()
     _, events = stepped(of, of.start(), (block(rng, k, change if k >= BASELINE // 2 else None) for k in range(200)))
     assert [type(one) for one in events] == [Unsteady, BaselineKnown]
-    assert events[1].time == 5.0 * (BASELINE + BASELINE // 2)
+    assert [(one.since, one.time) for one in events] == [(0.0, 300.0), (150.0, 450.0)]
 
 
 def test_what_is_within_the_tolerance_is_no_change() -> None:
@@ -214,13 +214,25 @@ def test_what_is_within_the_tolerance_is_no_change() -> None:
 def learned(blocks: int, shown: Callable[[int], Array], wrong: Array | float = 0.0) -> list[type[Event]]:
     """Return what is said where block k shows the directions by these shares, and the result is ``wrong``."""
     rng, of = np.random.default_rng(1), detector()
+    made = (showing(block(rng, k, mixed=0.0), shown(k), wrong) for k in range(blocks))
+    return [type(event) for event in stepped(of, of.start(), made)[1]]
 
-    def make(k: int) -> Scores:
-        one, share = block(rng, k, mixed=0.0), shown(k)
-        A = one.information * np.outer(share, share)
-        return replace(one, information=A, score=share * one.score + A @ np.broadcast_to(wrong, 8))
 
-    return [type(event) for event in stepped(of, of.start(), map(make, range(blocks)))[1]]
+def showing(scores: Scores, share: Array, wrong: Array | float = 0.0) -> Scores:
+    A = scores.information * np.outer(share, share)
+    return replace(scores, information=A, score=share * scores.score + A @ np.broadcast_to(wrong, 8))
+
+
+def test_the_windows_move_with_a_reference_that_learns() -> None:
+    weak = np.append(np.ones(4), np.full(4, 1e-3))
+    rng, of = np.random.default_rng(1), detector()
+    blocks = [showing(block(rng, k, mixed=0.0), weak) for k in range(BASELINE + 1)]
+    before, _ = stepped(of, of.start(), blocks)
+    after, _ = of.step(before, block(rng, BASELINE + 1, np.full(8, 0.5)))  # motion that nothing has shown
+    assert after.new == 1
+    sums = of.candidates.sums(after.reference, blocks[-1])
+    assert not np.allclose(sums.clipped, before.windows[0].clipped)
+    np.testing.assert_allclose(after.windows[0].clipped, sums.clipped, atol=1e-9)
 
 
 def test_motion_that_the_baseline_did_not_show_is_learned() -> None:

@@ -78,6 +78,8 @@ def types(events: tuple[Event, ...]) -> list[type]:
 def test_a_change_is_found() -> None:
     one = watcher()
     assert types(one.push(*samples(0, 40))) == [BaselineKnown]
+    start, stop, count = one.state["span"]
+    assert count == round((stop - start) * RATE) + 1
     alarm, changed = one.push(*samples(40, 55, rub=1.5))
     assert (type(alarm), type(changed)) == (Alarm, Changed)
     assert alarm.time <= 44.0

@@ -15,8 +15,9 @@ from dynident.apps.ranking import CombinationOutcome, Ranking, compare
 from dynident.apps.ranking.config import estimator_candidates, smoother_candidates
 from dynident.apps.ranking.report import ranking_findings
 from dynident.apps.ranking.run import _job_row
-from dynident.apps.ranking.task import find_common_samples
+from dynident.apps.ranking.task import find_common_samples, restore_alignment
 from dynident.estimators import LinearEstimator
+from dynident.identification import TimeOffset
 from dynident.models.lagrangian import slider
 from dynident.motion.smoothers import TimeShifted
 from dynident.project.config import parse_config
@@ -123,7 +124,8 @@ def numbers(found: Ranking) -> list[tuple[Any, ...]]:
     return found.frame().drop(TIMES).rows()
 
 
-def test_the_combination_of_the_configuration_has_the_errors_of_identify(project: Path) -> None:
+def test_the_combination_of_the_configuration_has_the_errors_of_identify(tmp_path: Path) -> None:
+    project = make_project(tmp_path, more="min_speed: 0.5\n")
     ranking = compare(project, smoothers=[], estimators=[], folds=0)
     own = ranking.configured_entry
     assert own is not None
@@ -328,3 +330,19 @@ def test_a_smoother_that_keeps_half_of_what_most_do_is_compared(kept: int, left_
     masks = {name: {"train": {"one": np.arange(8) < size}} for name, size in (("a", 8), ("b", 8), ("c", kept))}
     common = find_common_samples(SimpleNamespace(motions=motions), masks)
     assert set(common.excluded) == ({"c"} if left_out else set())
+    assert common.kept_shares == {"a": 100.0, "b": 100.0} | ({} if left_out else {"c": 50.0})
+
+
+@pytest.mark.parametrize(
+    ("shift", "seconds", "offset"),
+    [
+        ((), 0.3, None),
+        ((0.01, 4.0, 3.0), 0.01, TimeOffset(0.01, 4.0, 3.0)),
+        ((0.01, 4.0, 3.0, 2e-4), 0.01, TimeOffset(0.01, 4.0, 3.0, 2e-4)),
+    ],
+)
+def test_a_row_has_the_time_offset_of_its_smoother(
+    shift: tuple[float, ...], seconds: float, offset: TimeOffset | None
+) -> None:
+    alignment = restore_alignment(TimeShifted(dy.Difference(), 0.2), shift, 0.3)
+    assert (alignment.smoother, alignment.time_offset) == (TimeShifted(dy.Difference(), seconds), offset)

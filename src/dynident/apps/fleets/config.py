@@ -92,8 +92,8 @@ def _digest_name(name: str) -> str:
 
 def is_result(file: Path, out: Path) -> bool:
     """Whether a file is one that a fleet writes to its folder ``out``; others may be there, too."""
-    top_parts = file.relative_to(out).parts[:1] if file.is_relative_to(out) else ()
-    return top_parts != () and top_parts[0] in (*FILES, RUNS, PARTS)
+    top = next(iter(file.relative_to(out).parts), None) if file.is_relative_to(out) else None
+    return top in (*FILES, RUNS, PARTS)
 
 
 def _read_file_name(value: object, info: ValidationInfo) -> Path:

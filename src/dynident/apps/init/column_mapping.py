@@ -278,7 +278,7 @@ def _unit_question(joint: MovableJoint, q: Array) -> str:
     if slides:
         return f"{low} to {high} is more than the joint can move in m: is it in mm?"
     # a joint without limits may turn several times: ask before it is called degrees
-    if joint.limits.lower is None and span > 2 * math.pi:
+    if joint.limits.lower is None:
         return (
             f"the range {span:.3g} exceeds 2 pi: does it turn that far (then `multi_turn: true`), or is it in degrees?"
         )

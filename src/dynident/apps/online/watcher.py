@@ -43,10 +43,10 @@ PORTION_TIME = 0.02  # s of samples after which a portion of the first seconds i
 MIN_SPEED = 0.01  # rad/s, m/s: below, Coulomb friction has no known sign
 MIN_MOVING_SHARE = 0.2  # share of a block's rows in which joints move: with less, it says nothing
 CLOCK_RESET_SAMPLES = 10  # samples in a row of an earlier time: the clock was set back
-MIN_REPORTED_GAP = 1.0  # s without a sample that are said
 MAX_STEP_RATIO = 12.0  # usual steps: a longer one ends a motion
 BATCH_SAMPLES = 256  # samples that are looked at together
-MIN_REPORTED_REST = 300.0  # s without a block of motion that are said
+MIN_REPORTED_GAP, MIN_REPORTED_REST = 1.0, 300.0  # s without a sample, or without a block of motion, that are said
+EMPTY_SPAN = (math.nan, math.nan, 0)  # first and last time (s) and samples of a block to begin
 MAX_TIME, MIN_STEP = 1e11, 1e-6  # s: stamps are within, and further apart
 GAP_STEP_GROWTH = 1.1  # of the usual step at a gap: after many in a row it was another
 FILTER_MARGIN = 0.5  # s beside a torque that cannot be used, by filters
@@ -107,7 +107,7 @@ class Watcher:
         self._known: Knowledge = self._detector.start()
         self._parts = [self._empty_samples()]  # that wait; of single samples, until they are joined
         self._estimation: Generator[None, None, StreamSmoothing] | None = None  # of the smoothing; begun anew if lost
-        self._gram, self._span = self._scorer.empty_gram, (math.nan, math.nan, 0)
+        self._gram, self._span = self._scorer.empty_gram, EMPTY_SPAN
         self._waiting = tuple[WaitingBlock, ...]()  # complete blocks of which a sensor may still be doubted
         self._deaf = dict[int, tuple[float, float]]()  # by joint the times (s) of torques that cannot be used
         self._moved = math.nan  # when it moved last, infinite once it was said that it does not
@@ -349,7 +349,7 @@ class Watcher:
             if t[-1] - first_time >= self.settings.block - WINDOW_TIME / 2:
                 if self._span[2]:
                     self._waiting = (*self._waiting, (self._gram, *self._span))
-                self._gram, self._span = self._scorer.empty_gram, (math.nan, math.nan, 0)
+                self._gram, self._span = self._scorer.empty_gram, EMPTY_SPAN
 
     def _end_motion(self, *, keep_rest: bool) -> None:
         """End a motion, and use the rest of it, or drop it together with the current block."""
@@ -359,7 +359,7 @@ class Watcher:
         if keep_rest:
             self._score_blocks(blocks)
         else:
-            self._gram, self._span = self._scorer.empty_gram, (math.nan, math.nan, 0)
+            self._gram, self._span = self._scorer.empty_gram, EMPTY_SPAN
 
     def _groups(self) -> tuple[ParameterGroup, ...]:
         """Return the groups that may change: those of base parameters, and the residual of each joint."""

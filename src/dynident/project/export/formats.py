@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import PurePath
 from typing import Any, ClassVar
@@ -227,13 +227,15 @@ def _remove_shapes(text: str) -> str:
 
 
 def drives_torque(
-    identified: IdentifiedModel, states: States, *, armature: bool, in_links: bool = False, offset: bool = False
-) -> Array:
+    identified: IdentifiedModel, states: States, *, armature: bool, in_links: bool = False, offset: bool = False,
+    dry_friction: bool = True,
+) -> Array:  # fmt: skip
     """Return the torque of the bodies and what ``drives`` holds; rotor inertia is in links where it can, if asked."""
     best = place_values(identified, armature=armature and not in_links)
     bodies, values = best.bodies
     names = tuple(joint.name for joint in bodies.joints)
     joint_drives = drives(best, armature=armature, offset=offset)
+    joint_drives = joint_drives if dry_friction else replace(joint_drives, friction={})
     return np.asarray(bodies.torque(*states, values.ravel()) + joint_drives.torque(names, *states[1:]))
 
 

@@ -89,9 +89,7 @@ class Drake(RobotFile):
 
     def torque(self, identified: IdentifiedModel, states: States) -> Array:
         """Return the torque of bodies, damping and rotor inertia: Drake has no dry friction of joints."""
-        dry = drives(place_values(identified, armature=True), armature=True).friction
-        friction = np.array([dry.get(joint.name, 0.0) for joint in identified.bodies[0].joints])
-        return np.asarray(drives_torque(identified, states, armature=True) - friction * np.sign(states[1]))
+        return drives_torque(identified, states, armature=True, dry_friction=False)
 
 
 def _drake_urdf(identified: IdentifiedModel) -> ExportText:

@@ -251,12 +251,11 @@ def _gain_marks(trials: Sequence[TermTrial], rows: Sequence[int], outcome: Trial
 
 
 def _faster_marks(trials: Sequence[TermTrial], rows: Sequence[int]) -> Trace:
-    std = [trial.faster_std or 0.0 for trial in trials]
+    gain, std = np.array([(trial.faster, trial.faster_std) for trial in trials], dtype=float).T
     pairs = zip(trials, std, strict=True)
     text = [f"{plain(trial.kind)} on faster motion: {trial.faster:.3g} ± {error:.2g} %" for trial, error in pairs]
-    gain = np.array([x.faster for x in trials], dtype=float)
     marker = {"color": BLUE, "size": 6, "symbol": "diamond-open"}
-    error_bar = {"array": np.array(std), "color": BLUE, "thickness": 1, "width": 3}
+    error_bar = {"array": std, "color": BLUE, "thickness": 1, "width": 3}
     return _marks(gain, np.array(rows) + 0.28, "on faster motion", marker, text=text, error_x=error_bar)
 
 

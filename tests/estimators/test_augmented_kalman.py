@@ -9,6 +9,7 @@ import pytest
 
 from dynident.apps.article.article import arm_to_identify
 from dynident.estimators import AugmentedKalman, LeastSquares, Problem
+from dynident.estimators.augmented_kalman import PRIOR_STD, _combine_pieces
 from dynident.estimators.augmented_kalman_steps import (
     Dynamics,
     FilterStep,
@@ -88,6 +89,8 @@ def test_divergence_is_said():
     wrong = replace(motion, tau=0 * motion.tau)  # so that least squares finds no mass
     with pytest.raises(InputError, match="Kalman filter diverged"):
         AugmentedKalman()(make_problem(arm_to_identify(), wrong))
+    with pytest.raises(InputError, match="Kalman filter diverged"):  # less is known than before the first step
+        _combine_pieces(np.zeros((1, 2)), np.diag([2.0 * PRIOR_STD, 0.1])[None], 1.0)
 
 
 def test_terms_that_remember_are_refused():

@@ -127,6 +127,8 @@ def test_the_loop_gives_back_what_it_made() -> None:
 def test_in_the_loop_a_wrong_mass_shows_in_the_torque_more_than_in_the_position() -> None:
     run = looped((6.5, 8.0, 3.0, 0.5))
     assert 0.01 < run.relative_error["slider"] < run.torque_error["slider"] / 5
+    share = np.linalg.norm(run.q - run.measured) / np.linalg.norm(run.measured)
+    assert run.relative_error["slider"] == pytest.approx(100 * share, rel=2e-3)  # but for the last sample
 
 
 def test_a_model_that_cannot_be_simulated_is_reported_and_does_not_stop() -> None:

@@ -49,6 +49,12 @@ def test_a_group_stands_once_above_its_columns():
     columns = (WORDS, Column("peak", "acceleration"), Column("rms", "acceleration"), Column("turns"))
     head = printed(PageTable(columns, (("elbow", "12.25", "1.125", "3"),))).splitlines()[:2]
     assert head == ["       acceleration", "joint   peak    rms  turns"]
+    columns = (WORDS, Column("a"), Column("b", "g"), Column("c", "g"))
+    shown = printed(PageTable(columns, (("elbow", *("12345",) * 3),)), 19)  # the group fits, and would be torn beside a
+    assert [line.split() for line in shown.splitlines() if line.startswith("joint")] == [
+        ["joint", "a"],
+        ["joint", "b", "c"],
+    ]
 
 
 @pytest.mark.parametrize("width", [40, 60, 80, 150])

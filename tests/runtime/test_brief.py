@@ -2,10 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynident.runtime import shorten_names
+from dynident.runtime import settings_repr, shorten_names
+
+
+@dataclass(frozen=True)
+class Part:
+    value: object = None
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, ""),
+        (np.array([1.0, 2.5]), "value=[1, 2.5]"),
+        (np.zeros(4), "value=array(4,)"),
+        (np.zeros((1, 2)), "value=array(1, 2)"),
+        ({"a": np.ones(3)}, "value={a: [1, 1, 1]}"),
+    ],
+)
+def test_settings_are_shown_where_they_are_changed(value: object, text: str) -> None:
+    assert settings_repr(Part(value)) == f"Part({text})"
 
 
 def test_names_are_cut_in_the_middle() -> None:

@@ -147,7 +147,9 @@ def settings_repr(noun: Any) -> str:
 def is_changed(noun: Any, field: Field[Any]) -> bool:
     """Return whether a setting differs from its default."""
     default = field.default if field.default_factory is MISSING else field.default_factory()
-    return bool(getattr(noun, field.name) != default)
+    value = getattr(noun, field.name)
+    # an array has no single answer to whether it differs
+    return value is not default and bool(getattr(value, "ndim", 0) or value != default)
 
 
 def _field_text(value: Any) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import builtins
+import sqlite3
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import replace
 from threading import Event
 
@@ -14,7 +16,7 @@ from hypothesis import strategies as st
 from rosbags.rosbag1 import reader
 from rosbags.rosbag2 import storage_mcap
 
-from dynident.files.ros import chunks_within_budget
+from dynident.files.ros import chunks_within_budget, examine_files
 from dynident.files.tables import read_columns
 from dynident.models import Joint
 from dynident.project.config import parse_config
@@ -257,3 +259,13 @@ def test_bags_are_read_in_turn(tmp_path):
         second.result(60)
     assert order == ["one begins", "one ends", "two begins", "two ends"]
     assert reader.decompressors == before
+
+
+def test_a_folder_in_a_bag_hides_no_database_after_it(tmp_path):
+    (tmp_path / "a").mkdir()
+    with closing(sqlite3.connect(tmp_path / "b.db3")) as database:
+        database.execute("CREATE TABLE messages (data BLOB)")
+        examine_files(tmp_path)
+        database.execute("CREATE VIEW topics AS SELECT data FROM messages")
+    with pytest.raises(InputError, match="'topics' is no plain table"):
+        examine_files(tmp_path)

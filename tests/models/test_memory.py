@@ -9,7 +9,7 @@ from dynident.models import Model, drop_load_dependence
 from dynident.models.friction import Coulomb, Dahl, Drift, LoadCoulomb, Viscous
 from dynident.models.lagrangian import pendulum
 from dynident.motion.log import Motion, thin_motions
-from dynident.regression import Regression
+from dynident.regression import Regression, linear_problem
 from dynident.runtime import InputError, ModelError
 
 JOINTS = pendulum().joints
@@ -52,8 +52,9 @@ def test_a_part_goes_on_from_the_memory_of_its_first_sample():
 
 
 @pytest.mark.parametrize("model", [HYSTERETIC, LOADED.with_load([0.1, 0.2, 0.0, 0.0])])
-def test_blocks_have_the_columns_of_the_whole(model):
+def test_blocks_have_the_columns_of_the_whole(model, monkeypatch):
     """A motion of several blocks, with a gap in the mask."""
+    monkeypatch.setattr(linear_problem, "BLOCK_ENTRIES", 1)
     motion = model.remembering(swinging())
     motion = replace(motion, mask=(motion.t < 3.0) | (motion.t > 3.4))
     blocks = list(Regression(model, (motion,)).blocks())

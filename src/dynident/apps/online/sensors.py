@@ -221,10 +221,8 @@ class Sensors:
         self.bend = self.bend + (np.where(is_same & (self.run > 0), 0.0, step) if self.held else step)
 
     def _check_jumps(self, t: float, x: Array, d: Array, size: Array) -> Iterator[Event]:
-        n, last = (
-            len(size),
-            np.where(self.run[: len(size)] > 0, self.since[: len(size)], self.t) if self.held else self.t,
-        )
+        n = len(size)
+        last = np.where(self.run[:n] > 0, self.since[:n], self.t) if self.held else self.t
         limit = np.where(self.limited, self.fastest * (t - last), MAX_STEP_FACTOR * self.pace)
         decayed_pace = self.pace * (1 - 1 / AVERAGING_SAMPLES)
         if not self.leaps and not np.count_nonzero(size > limit):  # as nearly always: no more is to be noted

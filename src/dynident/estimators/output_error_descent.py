@@ -35,7 +35,8 @@ MIN_VARIANCE = 1e-6  # variance of J' e over that of white residuals: below are 
 SCORE_BLOCK = 4096  # samples
 MIN_PIECES = 3  # from which on what each segment adds is compared
 CONVERGED_STEP = 0.01  # standard errors of a step that ends the iteration
-MAX_REMAINING_STEP = 1.0  # standard errors left where steps no longer help: sticking friction has edges
+ROUGH_STEP = 0.1  # the same after a step that had to be damped: sticking friction has edges, and steps gain little
+MAX_REMAINING_STEP = 1.0  # standard errors left where steps no longer help
 MIN_DECREASE, MIN_DAMPED_DECREASE = 1e-7, 3e-4  # relative change of the cost that ends it, and after damped steps
 ROUNDING = 1e-10  # by which the cost may rise
 INITIAL_DAMPING, MIN_DAMPING, MAX_DAMPING = 1e-3, 1e-9, 1e6
@@ -253,6 +254,7 @@ class Descent:
         theta, runs, first_model = choose_first_model(self.problem, start, partial(self.simulate, shots), joint_cost)
         self.notes += [] if first_model is None else [StartedElsewhere(first_model)]
         state, damping, decrease = _State(theta, shots, runs), INITIAL_DAMPING, 1.0
+        converged_step = CONVERGED_STEP
         # each step is linearised at the last simulation, with the noise of its residuals
         for steps in range(self.iterations + 1):
             report_progress(Step("simulating", steps, self.iterations))
@@ -261,15 +263,16 @@ class Descent:
             information, remaining = self.assess_state(state, linear, sigma)
             samples = sum(stretch.samples for stretch in linear)
             min_decrease = MIN_DECREASE if damping < INITIAL_DAMPING else MIN_DAMPED_DECREASE
-            if steps == self.iterations or remaining < CONVERGED_STEP or decrease < min_decrease:
+            if steps == self.iterations or remaining < converged_step or decrease < min_decrease:
                 break
-            next_state, damping = self.try_steps(state, linear, sigma, damping)
+            next_state, next_damping = self.try_steps(state, linear, sigma, damping)
             del linear  # most of the memory, of which the next needs as much
             if next_state is None:
                 break
             decrease = 1.0 - cost(next_state.runs, sigma) / cost(state.runs, sigma)
+            converged_step = ROUGH_STEP if next_damping > damping else CONVERGED_STEP
             # a step that helped lets the next one be less damped
-            state, damping = next_state, max(damping / 10.0, MIN_DAMPING)
+            state, damping = next_state, max(next_damping / 10.0, MIN_DAMPING)
         if remaining > MAX_REMAINING_STEP:
             self.notes.append(StillSimulating(steps, remaining))
         return DescentResult(state.theta, information, samples, tuple(self.notes))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dynident.apps.ranking.config import Candidate, Combination
-from dynident.apps.ranking.differences import Differences, differences, joint_errors
+from dynident.apps.ranking.differences import Differences, differences, joint_errors, mean_error
 from dynident.apps.ranking.ranking import (
     Basis,
     CombinationOutcome,
@@ -50,7 +50,7 @@ class Job:
     """A combination by the numbers of smoother and estimator.
 
     ``part_number`` is the part of the smoother that is taken, ``shift`` its time offset as in its row, ``digest``
-    that of the row.
+    that of the row. ``cross_validate`` is whether it is fitted to the folds, too.
     """
 
     smoother: int
@@ -58,6 +58,7 @@ class Job:
     part_number: int
     shift: tuple[float, ...]
     digest: str
+    cross_validate: bool = True
 
 
 class Fit(Noun):
@@ -119,7 +120,7 @@ class Fit(Noun):
             errors, base = identifiability_of(fit.regression, estimate, fit.motion_covariance, unfitted=unfitted)
             row["base"] = task.truth.base(estimate.value).tolist()
             row["std"] = task.truth.std(errors, base).tolist()
-        return row | self._cross_validation_columns(motions["train"], part, late)
+        return row | (self._cross_validation_columns(motions["train"], part, late) if job.cross_validate else {})
 
     def _cross_validation_columns(
         self, motions: Mapping[str, Motion], part: Estimator, time_offset: float
@@ -321,6 +322,15 @@ def _block_errors(task: Task, values: list[float], torque: Array) -> dict[str, f
 def _errors_by_joint(task: Task, squares: list[float] | Array, torque: Array) -> dict[str, float]:
     """Return the errors by joint from sums of squares (n)."""
     return dict(zip(task.joints, joint_errors(np.asarray(squares), torque).tolist(), strict=True))
+
+
+def held_out_error(task: Task, common: CommonSamples, row: Row) -> float:
+    """Return the error (%) by which held-out logs rank a row, infinite where it has none."""
+    if not len(row["held"]):
+        return math.inf
+    torque = task.torque_squares(common.masks, "validation", fitted_only=False)
+    error = float(mean_error(np.reshape(row["held"], torque.shape).sum(axis=0), torque.sum(axis=0)))
+    return error if math.isfinite(error) else math.inf
 
 
 def _overall_error(squares: Array, torque: Array) -> float:

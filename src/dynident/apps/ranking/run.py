@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from dynident.apps.ranking.assemble import ComparisonRows, Fit, Job, assemble_ranking
+from dynident.apps.ranking.assemble import ComparisonRows, Fit, Job, assemble_ranking, held_out_error
 from dynident.apps.ranking.config import Candidate, estimator_candidates, smoother_candidates
 from dynident.apps.ranking.differences import compute_truth, read_truth, truth_text
 from dynident.apps.ranking.page import ranking_page
@@ -31,7 +31,8 @@ from dynident.apps.ranking.task import (
     row_schema,
     unpack_masks,
 )
-from dynident.estimators import Estimator
+from dynident.estimators import Estimator, PhysicallyConsistent
+from dynident.estimators.output_error import SimulatingEstimator
 from dynident.files.folder import refuse_other_report, result_folder
 from dynident.files.opener import refuse_inputs, watch_inputs
 from dynident.files.results import as_path, json_text
@@ -169,11 +170,24 @@ def _compute_rows(task: Task, parts: Parts, table: Path | None, options: JobOpti
         # the rows of all smoothers are needed first: only samples that all of them keep are compared
         smoother_rows = _rows_by_key(store, list(keys.values()))
         fit = Fit(task, _common_samples(task, smoothers, smoother_rows), smoothers, estimators)
-        fit_keys = {job: fit.key(job) for job in _fit_jobs(fit, smoother_rows)}
-        computed = store.fill(fit, fit_keys, partial(_job_row, fit_keys), options, "estimating")
-        fit_rows = _rows_by_key(store, list(fit_keys.values()))
-    fits = {(job.smoother, job.estimator): row for job, row in zip(fit_keys, fit_rows, strict=True)}
+        rows, computed = _fit_rows(store, fit, _fit_jobs(fit, smoother_rows), options)
+        # the best one must stand in cross-validation, whatever that takes
+        best = min(rows, key=lambda job: held_out_error(task, fit.common, rows[job]), default=None)
+        if best is not None and not best.cross_validate:
+            crossed = replace(best, digest=_text_digest(best.digest, "cross-validated"), cross_validate=True)
+            best_row, added = _fit_rows(store, fit, [crossed], options)
+            rows, computed = rows | {best: best_row[crossed]}, computed + added
+    fits = {(job.smoother, job.estimator): row for job, row in rows.items()}
     return ComparisonRows(smoothers, estimators, smoother_rows, fits, fit.common, computed)
+
+
+def _fit_rows(
+    store: RowStore, fit: Fit, jobs: Sequence[Job], options: JobOptions
+) -> tuple[dict[Job, Mapping[str, Any]], int]:
+    """Return the rows of jobs, and how many of them were computed now."""
+    keys = {job: fit.key(job) for job in jobs}
+    computed = store.fill(fit, keys, partial(_job_row, keys), options, "estimating")
+    return dict(zip(jobs, _rows_by_key(store, list(keys.values())), strict=True)), computed
 
 
 def _fit_jobs(fit: Fit, smoother_rows: Sequence[Mapping[str, Any]]) -> list[Job]:
@@ -181,11 +195,24 @@ def _fit_jobs(fit: Fit, smoother_rows: Sequence[Mapping[str, Any]]) -> list[Job]
     task, common = fit.task, fit.common
     base = _text_digest(task.digest, truth_text(task.truth), pack_masks(common.masks).hex())
     return [
-        Job(i, j, int(row["chosen"]), tuple(row["shift"]), _text_digest(base, smoother.settings, estimator.settings))
+        Job(
+            i,
+            j,
+            int(row["chosen"]),
+            tuple(row["shift"]),
+            _text_digest(base, smoother.settings, estimator.settings),
+            cross_validate=not (task.held_out and _simulates(estimator.part)),
+        )
         for i, (smoother, row) in enumerate(zip(fit.smoothers, smoother_rows, strict=True))
         if row["status"] == CombinationOutcome.OK and smoother.name not in common.excluded
         for j, estimator in enumerate(fit.estimators)
     ]
+
+
+def _simulates(estimator: Estimator) -> bool:
+    """Return whether an estimator simulates, so that each fold would take as long as the fit."""
+    linear = estimator.fit if isinstance(estimator, PhysicallyConsistent) else estimator
+    return isinstance(linear, SimulatingEstimator)
 
 
 def _job_row(keys: Mapping[Any, tuple[str, str, str]], result: JobResult[Any, dict[str, Any]]) -> Mapping[str, Any]:

@@ -26,12 +26,13 @@ from dynident.apps.ranking.task import (
     Task,
     describe_failure,
     empty_row,
+    pack_masks,
     restore_alignment,
     smoothed_motions,
     with_common_samples,
 )
 from dynident.estimators import Estimate, Estimator, PhysicallyConsistent, Problem, bodies_of, estimate_sizes
-from dynident.identification import SubstituteUsed, estimate_parameters, find_prior_strength
+from dynident.identification import PriorStrength, SubstituteUsed, estimate_parameters, find_prior_strength
 from dynident.identification.cross_validation import keep_fold
 from dynident.identification.dataset import RoleMotions
 from dynident.identification.prior_strength import with_strength
@@ -41,8 +42,10 @@ from dynident.motion.smoothers import SUBSTITUTE
 from dynident.regression import BLOCK, MAX_REPEAT_DIFFERENCE, Regression, Selection, one_thread, repeat_of
 from dynident.runtime import Noun, call_part
 from dynident.runtime.arrays import Array
+from dynident.runtime.cache import Cache
 
 Row = Mapping[str, Any]
+_STRENGTH_CACHE: Cache[tuple[PriorStrength | None, float]] = Cache(64)  # found last by this process, with seconds
 
 
 @dataclass(frozen=True)
@@ -92,12 +95,12 @@ class Fit(Noun):
         motions = with_common_samples(task, smoothed_motions(task, candidate, alignment.smoother), self.common)
         problem = _train_problem(task, tuple(motions["train"].values()), late)
         # only the estimate is timed, with the choice of the strength of its prior
-        began = time.perf_counter()
         part: Estimator = self.estimators[job.estimator].part
-        part = with_strength(part, find_prior_strength(task.model, problem.motions, part))
+        prior, prior_seconds = self._prior_strength(part, problem, candidate)
+        began, part = time.perf_counter(), with_strength(part, prior)
         fit = estimate_parameters(problem, part, alignment)
         estimate = fit.estimate
-        seconds = time.perf_counter() - began
+        seconds = prior_seconds + time.perf_counter() - began
         settled = CombinationOutcome.OK if estimate.converged else CombinationOutcome.UNSETTLED
         row = empty_row(self.key(job), settled, "", seconds)
         # notes are kept by the names of their types, for the report
@@ -121,6 +124,20 @@ class Fit(Noun):
             row["base"] = task.truth.base(estimate.value).tolist()
             row["std"] = task.truth.std(errors, base).tolist()
         return row | (self._cross_validation_columns(motions["train"], part, late) if job.cross_validate else {})
+
+    def _prior_strength(
+        self, part: Estimator, problem: Problem, candidate: Candidate
+    ) -> tuple[PriorStrength | None, float]:
+        """Return the strength of the prior, and the seconds it took: it is the same for all that fit like rows."""
+        if not isinstance(part, PhysicallyConsistent):
+            return None, 0.0
+
+        def find() -> tuple[PriorStrength | None, float]:
+            began = time.perf_counter()
+            return find_prior_strength(self.task.model, problem.motions, part), time.perf_counter() - began
+
+        like = part if part.fit is None else replace(part, fit=part.fit.quick())
+        return _STRENGTH_CACHE((self.task.digest, pack_masks(self.common.masks), candidate.settings, repr(like)), find)
 
     def _cross_validation_columns(
         self, motions: Mapping[str, Motion], part: Estimator, time_offset: float

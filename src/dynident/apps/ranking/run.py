@@ -31,7 +31,8 @@ from dynident.apps.ranking.task import (
     row_schema,
     unpack_masks,
 )
-from dynident.estimators import Estimator, PhysicallyConsistent
+from dynident.estimators import AugmentedKalman, Estimator, PhysicallyConsistent
+from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.estimators.output_error import SimulatingEstimator
 from dynident.files.folder import refuse_other_report, result_folder
 from dynident.files.opener import refuse_inputs, watch_inputs
@@ -201,7 +202,7 @@ def _fit_jobs(fit: Fit, smoother_rows: Sequence[Mapping[str, Any]]) -> list[Job]
             int(row["chosen"]),
             tuple(row["shift"]),
             _text_digest(base, smoother.settings, estimator.settings),
-            cross_validate=not (task.held_out and _simulates(estimator.part)),
+            cross_validate=not (task.held_out and _iterates(estimator.part)),
         )
         for i, (smoother, row) in enumerate(zip(fit.smoothers, smoother_rows, strict=True))
         if row["status"] == CombinationOutcome.OK and smoother.name not in common.excluded
@@ -209,10 +210,11 @@ def _fit_jobs(fit: Fit, smoother_rows: Sequence[Mapping[str, Any]]) -> list[Job]
     ]
 
 
-def _simulates(estimator: Estimator) -> bool:
-    """Return whether an estimator simulates, so that each fold would take as long as the fit."""
+def _iterates(estimator: Estimator) -> bool:
+    """Return whether an estimator simulates, or passes over all samples many times: each fold takes as long as a
+    fit."""
     linear = estimator.fit if isinstance(estimator, PhysicallyConsistent) else estimator
-    return isinstance(linear, SimulatingEstimator)
+    return isinstance(linear, SimulatingEstimator | AugmentedKalman | MaximumLikelihood)
 
 
 def _job_row(keys: Mapping[Any, tuple[str, str, str]], result: JobResult[Any, dict[str, Any]]) -> Mapping[str, Any]:

@@ -31,19 +31,19 @@ from dynident.regression.linear_problem import (
     factors_of_parts,
     fitted_mask,
     fitted_rows,
-    merge_factors,
-    pack_factors,
-    unpack_factors,
 )
 from dynident.regression.triangular import (
     EntryBlock,
     Rank,
     TriangularFactors,
     factorise,
+    merge_factors,
     one_thread,
+    pack_factors,
     precision,
     rank_of,
     rank_of_information,
+    unpack_factors,
 )
 from dynident.regression.whitening import (
     HIGHEST_ORDER,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -16,7 +16,7 @@ from dynident.models import Model, Structure
 from dynident.models.evaluation import check_memory
 from dynident.motion.log import Motion
 from dynident.motion.splines import stretches
-from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise, one_thread
+from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise
 from dynident.regression.whitening import ParallelFilter, PlacedBlock, Whitening, whiten_blocks
 from dynident.runtime import ConfigError, InputError, Noun
 from dynident.runtime.arrays import Array
@@ -326,9 +326,6 @@ def fitted_mask(
     return inside if keep is None else inside & keep
 
 
-MERGED_AT_ONCE = 16  # factors that are merged at once
-
-
 @dataclass(frozen=True)
 class RegressionPart:
     """The samples from ``start`` up to ``stop`` of a regression's motion number ``motion``."""
@@ -380,45 +377,3 @@ def factors_of_parts(
 def _factors_of_part(regression: Regression, parts: Sequence[RegressionPart], k: int) -> TriangularFactors:
     within = parts[k].motion, parts[k].rows
     return factorise(regression.entries(within=within), regression.structure)
-
-
-def merge_factors(parts: Iterable[TriangularFactors]) -> TriangularFactors:
-    """Return the factors of the rows of all parts, of which there is at least one; they are taken as they come."""
-    pending: list[TriangularFactors] = []
-    for factors in parts:
-        pending.append(factors)
-        # merging a few at a time bounds the memory at little more work
-        if len(pending) == MERGED_AT_ONCE:
-            pending = [_merge_batch(pending)]
-    return _merge_batch(pending)
-
-
-def _merge_batch(parts: Sequence[TriangularFactors]) -> TriangularFactors:
-    rows = np.concatenate([part.factors for part in parts], axis=1)
-    with one_thread():
-        factors = np.asarray(np.linalg.qr(rows, mode="r"))
-    return TriangularFactors(factors, np.sum([part.rows for part in parts], axis=0))
-
-
-def pack_factors(factors: TriangularFactors, structure: Structure) -> bytes:
-    """Return the entries of factors that the structure allows to be nonzero, as bytes of float64."""
-    return factors.factors[_nonzero_entries(structure)].tobytes()
-
-
-def unpack_factors(content: bytes, rows: Sequence[int], structure: Structure) -> TriangularFactors:
-    """Return the factors from the bytes of ``pack_factors``; ValueError where they are of another structure."""
-    nonzero = _nonzero_entries(structure)
-    entries = np.zeros(nonzero.shape)
-    entries[nonzero] = np.frombuffer(content)
-    return TriangularFactors(entries, np.array(rows, dtype=int))
-
-
-def _nonzero_entries(structure: Structure) -> NDArray[np.bool_]:
-    """Return which entries (n, p + 1, p + 1) of the factors can be other than zero."""
-    p = structure.maps[0].shape[1]
-    out = np.zeros((len(structure.maps), p + 1, p + 1), dtype=bool)
-    for nonzero, columns in zip(out, structure.maps, strict=True):
-        nonzero[: len(columns), :p] = columns.any(axis=0)
-        nonzero[: len(columns), p] = nonzero[p, p] = True
-        nonzero &= np.tri(p + 1, dtype=bool).T
-    return out

@@ -20,6 +20,7 @@ from dynident.runtime import ConfigError, Noun
 from dynident.runtime.arrays import Array
 
 PANEL_COLUMNS = 8  # columns that LAPACK eliminates together
+MERGED_AT_ONCE = 16  # factors that are merged at once
 
 
 class EntryBlock(Noun):
@@ -352,3 +353,45 @@ def _column_scales(effect: Array, parameters: Sequence[Parameter]) -> tuple[Arra
         scale[alike] = effect[alike].max(initial=0.0)
     empty = (effect <= MAX_EMPTY_RATIO * effect.max(initial=0.0)) | (scale == 0)
     return np.where(empty & (scale == 0), 1.0, scale), empty
+
+
+def merge_factors(parts: Iterable[TriangularFactors]) -> TriangularFactors:
+    """Return the factors of the rows of all parts, of which there is at least one; they are taken as they come."""
+    pending: list[TriangularFactors] = []
+    for factors in parts:
+        pending.append(factors)
+        # merging a few at a time bounds the memory at little more work
+        if len(pending) == MERGED_AT_ONCE:
+            pending = [_merge_batch(pending)]
+    return _merge_batch(pending)
+
+
+def _merge_batch(parts: Sequence[TriangularFactors]) -> TriangularFactors:
+    rows = np.concatenate([part.factors for part in parts], axis=1)
+    with one_thread():
+        factors = np.asarray(np.linalg.qr(rows, mode="r"))
+    return TriangularFactors(factors, np.sum([part.rows for part in parts], axis=0))
+
+
+def pack_factors(factors: TriangularFactors, structure: Structure) -> bytes:
+    """Return the entries of factors that the structure allows to be nonzero, as bytes of float64."""
+    return factors.factors[_nonzero_entries(structure)].tobytes()
+
+
+def unpack_factors(content: bytes, rows: Sequence[int], structure: Structure) -> TriangularFactors:
+    """Return the factors from the bytes of ``pack_factors``; ValueError where they are of another structure."""
+    nonzero = _nonzero_entries(structure)
+    entries = np.zeros(nonzero.shape)
+    entries[nonzero] = np.frombuffer(content)
+    return TriangularFactors(entries, np.array(rows, dtype=int))
+
+
+def _nonzero_entries(structure: Structure) -> NDArray[np.bool_]:
+    """Return which entries (n, p + 1, p + 1) of the factors can be other than zero."""
+    p = structure.maps[0].shape[1]
+    out = np.zeros((len(structure.maps), p + 1, p + 1), dtype=bool)
+    for nonzero, columns in zip(out, structure.maps, strict=True):
+        nonzero[: len(columns), :p] = columns.any(axis=0)
+        nonzero[: len(columns), p] = nonzero[p, p] = True
+        nonzero &= np.tri(p + 1, dtype=bool).T
+    return out

@@ -330,8 +330,7 @@ class _TermSelection:
 
     def _is_held(self, j: int) -> bool:  # a controller holds it, so that it gives way a little: that is no friction
         reach = np.array([joint.reach for joint in self.excitations])
-        kinds = [joint.kind for joint in self.samples.model.joints]
-        return bool(reach[j] > MIN_REACH and held_joints(reach, kinds)[j])
+        return bool(reach[j] > MIN_REACH and held_joints(reach, [joint.kind for joint in self.samples.model.joints])[j])
 
     def _other_normals(self, searches: Sequence[JointSearch], j: int) -> Normal:
         return other_joint_normals([search.normal for search in searches], j, self._precision, searches[j].grams.acts)

@@ -149,7 +149,7 @@ class SeveralLimbs(Note):
 
     def __str__(self) -> str:
         return (
-            f"{len(self.joints)} limbs move from the base {self.base!r}, which is taken as fixed "
+            f"several limbs move from the base {self.base!r}, which is taken as fixed "
             f"({join_names(self.joints, 4)}): right for arms on a stand; a walking robot must be clamped at its trunk."
         )
 

@@ -111,8 +111,8 @@ class ErrorsInRegressor(Note):
 
     def __str__(self) -> str:
         return (
-            f"along one direction, mostly of {self.parameter}, {percent(self.percent)} of the information is noise of "
-            "the motion: the estimate there depends on the stated size of this noise"
+            f"along one direction, mostly that of {self.parameter}, noise of the motion is {percent(self.percent)} of "
+            "the information: the estimate there depends on the stated size of this noise"
         )
 
 

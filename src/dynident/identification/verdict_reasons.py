@@ -183,7 +183,7 @@ class PartlyUnexcited(MostlyUnexcited):
     """The data do not excite some of the ``total`` base parameters; motions that do are not predicted."""
 
     usual_remedy = None
-    sentence = f"{MostlyUnexcited.sentence}: on motions that excite them the torque is not known"
+    sentence = "{unexcited} of {total} base parameters are not excited: on motions that excite them the torque is unknown"
 
 
 class Uncertain(Reason):

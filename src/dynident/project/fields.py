@@ -321,6 +321,11 @@ class Channel(Section):
         """Coefficients by column."""
         return {self.column: 1.0} if self.column is not None else self.sum or {}
 
+    @property
+    def scalars(self) -> frozenset[str]:
+        """Names of scalars of the file, where gains, the offset or coefficients are such."""
+        return frozenset(x for x in (self.gain, self.offset, *self.terms.values()) if isinstance(x, str))
+
 
 class Angle(Channel):
     """A position as a robot reports it; its columns may wrap around with the period ``wraps``, in the unit of the

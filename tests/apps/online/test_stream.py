@@ -8,7 +8,7 @@ import os
 import sys
 import tracemalloc
 from collections.abc import Iterable, Iterator
-from contextlib import closing
+from contextlib import closing, nullcontext
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.io import savemat
 
+from dynident.apps.online.recorded import RecordedFile
 from dynident.apps.online.stream import MAX_LINE_BYTES, FollowedFile, LineReader, SampleReader, StandardInput
 from dynident.files.text import unit_row
 from dynident.models import Joint
@@ -90,6 +92,23 @@ def test_a_position_goes_on_where_its_column_starts_anew(tmp_path: Path) -> None
     found.append(other.push(["3,20,1,1,1,", "4,10,1,1,1,"]))
     degrees = np.rad2deg(np.concatenate([part.q[:, 0] for part in found]))
     np.testing.assert_allclose(degrees, [350, 365, np.nan, 380, 370])
+
+
+def test_a_gain_may_be_a_number_of_the_recording(tmp_path: Path) -> None:
+    text = CONFIG.format(file="log.csv").replace("gain: 2.0", "gain: k")
+    rows = [row | {"k": k} for row, k in zip(NESTED, (2.0, None), strict=True)]
+    check(SampleReader(parse_config(text, tmp_path, "arm.yaml"), JOINTS, "arm"), map(json.dumps, rows))
+    first_unknown = SampleReader(parse_config(text, tmp_path, "arm.yaml"), JOINTS, "arm")
+    assert np.isnan(first_unknown.push([json.dumps(rows[0] | {"k": None})]).tau).all()
+    columns = {name: [row[name] for row in NESTED] for name in ("t", "a", "b")}
+    motors = {f"m.{k}": [row["m"][k] for row in NESTED] for k in (0, 1)}  # type: ignore[index]
+    savemat(tmp_path / "log.mat", {**{name.replace(".", "_"): x for name, x in (columns | motors).items()}, "k": 2.0})
+    matlab = text.replace("m.0", "m_0").replace("m.1", "m_1")
+    stream = SampleReader(parse_config(matlab, tmp_path, "arm.yaml"), JOINTS, "arm")
+    for scalars in ({"k"}, {"k", "a"}):
+        recorded = RecordedFile(tmp_path / "log.mat", stream.needed, "t", scalars=scalars)
+        with nullcontext() if scalars == {"k"} else pytest.raises(InputError, match="no scalar 'a'"):
+            check(stream, recorded.read()[0].decode().splitlines())
 
 
 def test_lines_count_once_their_end_is_there() -> None:

@@ -31,13 +31,15 @@ def is_recorded(source: str) -> bool:
 class RecordedFile:
     """A recording at ``path``, of which the ``needed`` columns pass on as JSON lines, from a saved ``position`` on.
 
-    ``time`` is the column of the stamps. Raises InputError where a column is missing or the file cannot be read.
+    ``time`` is the column of the stamps; ``scalars`` are those of the needed names that are single numbers. Raises
+    InputError where a column is missing or the file cannot be read.
     """
 
     def __init__(
-        self, path: Path, needed: Collection[str], time: str | None, position: Mapping[str, Any] | None = None
-    ) -> None:
-        self.path, self._needed, self._time = path, set(needed), time
+        self, path: Path, needed: Collection[str], time: str | None, position: Mapping[str, Any] | None = None,
+        scalars: Collection[str] = (),
+    ) -> None:  # fmt: skip
+        self.path, self._needed, self._time, self._scalars = path, set(needed), time, set(scalars)
         self._identity = {"recording": str(path.absolute()), **self._version()}
         # another recording, or one written anew, is read from its first row
         same = position is not None and {**position, "row": 0} == {**self._identity, "row": 0}
@@ -71,13 +73,14 @@ class RecordedFile:
         """Yield the rows from a first one on as lines of JSON objects."""
         at = 0
         for table in self._read_tables():
-            columns = [self._column(table, name) for name in sorted(self._needed)]
-            rows = min(map(len, columns))
-            if rows < max(map(len, columns)):
+            columns = {name: self._column(table, name) for name in sorted(self._needed - self._scalars)}
+            rows = min(map(len, columns.values()))
+            if rows < max(map(len, columns.values())):
                 raise InputError(f"{table.source}: the configuration's columns differ in length: it has several logs.")
+            columns |= {name: np.full(rows, table.constant(name)) for name in sorted(self._scalars)}
             for start in range(max(first_row - at, 0), rows, LINE_ROWS):
-                values = np.stack([column[start : start + LINE_ROWS] for column in columns], axis=1).tolist()
-                yield [json.dumps(dict(zip(sorted(self._needed), row, strict=True))) for row in values]
+                values = np.stack([column[start : start + LINE_ROWS] for column in columns.values()], axis=1).tolist()
+                yield [json.dumps(dict(zip(columns, row, strict=True))) for row in values]
             at += rows
 
     def _column(self, table: DataTable, name: str) -> Any:

@@ -27,7 +27,7 @@ from dynident.files.opener import file_status, open_input
 from dynident.files.tables import DataTable
 from dynident.files.text import first_row, row_cells, unit_row
 from dynident.models import Joint
-from dynident.project.fields import unit_factor
+from dynident.project.fields import Channel, unit_factor
 from dynident.project.settings import Config, check_joints
 from dynident.project.signals import column_names, joint_values, unwrap
 from dynident.runtime import ConfigError, InputError, choices
@@ -191,10 +191,11 @@ class LineReader:
 class SampleReader:
     """Samples of joints from lines, with the channels of a configuration.
 
-    ``needed`` are the columns that it takes; ``names`` and ``separator`` are those of a table, known after its first
-    line; ``line`` and ``row`` count what was read; ``zero`` (s) is the midnight (UTC) from which dates count; ``fresh``
-    says that a file begins; ``turned`` are the last values of columns that wrap. Raises ConfigError where the
-    configuration does not fit the joints, or a column is missing.
+    ``needed`` are the columns that it takes, among them ``scalars``, numbers that gains name; ``names`` and
+    ``separator`` are those of a table, known after its first line; ``line`` and ``row`` count what was read; ``zero``
+    (s) is the midnight (UTC) from which dates count; ``fresh`` says that a file begins; ``latest`` are the last values
+    of scalars, and of columns that wrap. Raises ConfigError where the configuration does not fit the joints, or a
+    column is missing.
     """
 
     config: Config
@@ -207,7 +208,7 @@ class SampleReader:
     zero: float = math.nan
     fresh: bool = True
     comments: list[str] = field(default_factory=list)
-    turned: dict[str, float] = field(default_factory=dict)
+    latest: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_joints(self.config, self.joints)
@@ -217,9 +218,12 @@ class SampleReader:
                 "the configuration of the result has several files for a recording; a robot is watched by one stream: "
                 "write all columns to one file."
             )
-        self.needed = sorted(column_names(self.config.model_copy(update={"simulation": None}), spec))
-        channels = (self.config.position[joint.name] for joint in self.joints)
-        self._wraps = {name: channel.wraps for channel in channels if channel.wraps for name in channel.terms}
+        channels: list[Channel] = [*self.config.position.values(), *self.config.torque.values()]
+        self.scalars = frozenset[str]().union(*(channel.scalars for channel in channels))
+        columns = column_names(self.config.model_copy(update={"simulation": None}), spec)
+        self.needed = sorted(columns | self.scalars)
+        positions = (self.config.position[joint.name] for joint in self.joints)
+        self._wraps = {name: channel.wraps for channel in positions if channel.wraps for name in channel.terms}
         self._labelled = {name.rpartition(" [")[0]: name for name in self.needed if name.endswith("]")}  # unit below
         time = self.config.time
         self._factor = unit_factor(time.unit, "time", "time.unit") if time.column else 1.0
@@ -227,7 +231,7 @@ class SampleReader:
     @property
     def state(self) -> dict[str, Any]:
         """What the reader knows of the stream so far, in plain types."""
-        return {name: getattr(self, name) for name in ("names", "separator", "line", "row", "zero", "fresh", "turned")}
+        return {name: getattr(self, name) for name in ("names", "separator", "line", "row", "zero", "fresh", "latest")}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from a saved state."""
@@ -332,18 +336,26 @@ class SampleReader:
         if not len(values):
             return StreamSamples(np.zeros(0), np.zeros((0, n)), np.zeros((0, n)), bad)
         columns = {name: self._unwrap(name, values[:, k + 1].copy()) for k, name in enumerate(self.needed)}
-        q, tau = joint_values(DataTable(columns, {}, self.source), self.config, self.joints)
+        for name in self.scalars & columns.keys():  # a stream says a scalar in each row: the last number holds
+            column = columns.pop(name)
+            if np.isfinite(column).any():
+                self.latest[name] = float(column[np.isfinite(column)][-1])
+        scalars = {name: self.latest.get(name, math.nan) for name in self.scalars}
+        if np.isnan(list(scalars.values())).any():
+            unknown = np.full((len(values), n), math.nan)
+            return StreamSamples(values[:, 0].copy(), unknown, unknown.copy(), bad)
+        q, tau = joint_values(DataTable(columns, scalars, self.source), self.config, self.joints)
         return StreamSamples(values[:, 0].copy(), q, tau, bad)
 
     def _unwrap(self, name: str, column: Array) -> Array:
         """Return a wrapped column continued from the samples before."""
         if (wraps := self._wraps.get(name)) is None:
             return column
-        previous = [self.turned[name]] if name in self.turned else []
+        previous = [self.latest[name]] if name in self.latest else []
         # the last value of the previous samples is put in front, so that a wrap between two reads is found
         column = unwrap(np.array([*previous, *column]), wraps)[len(previous) :]
         if np.isfinite(column).any():
-            self.turned[name] = float(column[np.isfinite(column)][-1])
+            self.latest[name] = float(column[np.isfinite(column)][-1])
         return column
 
 

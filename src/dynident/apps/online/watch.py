@@ -204,7 +204,7 @@ class Watch:
             return StandardInput()
         path = Path(self.source)
         if is_recorded(self.source):
-            return RecordedFile(path, self.reader.needed, self.reader.config.time.column, position)
+            return RecordedFile(path, self.reader.needed, self.reader.config.time.column, position, self.reader.scalars)
         return FollowedFile(path, position)
 
     def _process_lines(self, lines: list[str]) -> list[Event]:

@@ -183,7 +183,7 @@ class PartlyUnexcited(MostlyUnexcited):
     """The data do not excite some of the ``total`` base parameters; motions that do are not predicted."""
 
     usual_remedy = None
-    sentence = "{unexcited} of {total} base parameters are not excited: where a motion excites them, torques are unknown"
+    sentence = "{unexcited} of {total} base parameters are not excited: where a motion excites them, torque is unknown"
 
 
 class Uncertain(Reason):

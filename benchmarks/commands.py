@@ -57,6 +57,25 @@ def identify(_: str, robot: str) -> Call:
     return lambda: cost(*DYNIDENT, "identify", path, "--out", Path(SCRATCH.name, "out"))
 
 
+def default(_: str, robot: str) -> Call:
+    """A robot with nothing set but what only a user knows, as benchmarks/defaults.py drafts it, or the demo's arm."""
+    from defaults import configured, found_at
+    from defaults_robots import ROBOTS
+
+    folder = Path(SCRATCH.name)
+    if robot == "demo":
+        subprocess.run([*DYNIDENT, "demo", "--out", folder / "demo", "--quiet"], check=True, stdout=subprocess.DEVNULL)
+        path = folder / "demo" / "robot.yaml"
+    else:
+        data = found_at(ROBOTS[robot])
+        if data is None:
+            raise FileNotFoundError(
+                f"the recordings of {robot} are not here; examples/{robot}.yaml says where they are"
+            )
+        path = configured(ROBOTS[robot], data, folder / f"{robot}.yaml")
+    return lambda: cost(*DYNIDENT, "identify", path, "--out", folder / "out")
+
+
 def parquet(_: str, samples: int) -> Call:
     """A recording of seven joints, made here, from Parquet to the report."""
     subprocess.run([sys.executable, ROOT / "benchmarks" / "size.py", SCRATCH.name, str(samples)], check=True)

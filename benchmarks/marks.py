@@ -79,6 +79,11 @@ def command(robot: str, title: str, kernel: float, without: float) -> Row:
                (Mark(kernel), Mark(without)))  # fmt: skip
 
 
+def default(robot: str, title: str, most: float) -> Row:
+    return Row(f"{title}, nothing set", Work("commands", "default", (robot,), seconds=20), None,
+               (Mark(most), Mark(2 * most)))  # fmt: skip
+
+
 def online(text: str, name: str, *arguments: str | float) -> Row:
     return Row(text, Work("online", name, (7, *arguments), seconds=4), None, (Mark(200), Mark(200)), 5000)
 
@@ -146,9 +151,16 @@ TABLES = {
         command("panda", "Panda, 7 joints, 9300 samples", 4, 6),
         command("tx40", "TX40, 6 joints, 25 000 samples", 5, 8),
         command("emps", "EMPS, 1 joint, 24 800 samples, with free simulation", 2.5, 3),
+        default("lwr4", "LWR4", 3.2),
+        default("panda", "Panda", 6),
+        default("tx40", "TX40", 5),
+        default("emps", "EMPS", 1.3),
+        default("demo", "the demo's arm, 6 joints, 5000 samples", 3.5),
         MILLION,
     )),
     "peak": Table("Peak of memory", "GiB", 1, (
+        *(replace(default(robot, title, 0), marks=(Mark(0.4), None)) for robot, title in (
+            ("lwr4", "LWR4"), ("panda", "Panda"))),
         replace(MILLION, marks=(Mark(1), None)), replace(LONGEST, count=1)), "peak"),
     "study": Table("The article's study, on the clock", "s", 1, (
         Row("9000 fits, two workers", Work("commands", "study", (1000, 2), seconds=0), None, (Mark(20), Mark(35))),),

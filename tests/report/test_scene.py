@@ -96,6 +96,8 @@ def test_the_view_holds_all_that_moves_at_all_times() -> None:
         assert stop > high
         assert stop - start < 20
     assert figure.motion["layers"] == [{"name": "more", "shown": (1,), "faded": (0,)}]
+    unshown = scene_figure(BODIES, [Replay("", 0.0, 1.0, Q)], [hidden], [], layers)  # a layer may show it later
+    assert np.isfinite([unshown.layout["scene"][f"{axis}axis"]["range"] for axis in "xyz"]).all()
 
 
 TURNED = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])

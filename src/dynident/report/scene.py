@@ -161,7 +161,7 @@ def _view_range(
     # A few poses are enough for the range
     poses = np.concatenate([part.q[:: -(-len(part.q) // RANGE_POSES)] for part in replays])
     place, corner_points = bodies.placements(poses), []
-    for part in (part for part in moving if part.trace.get("visible", True)):
+    for part in [part for part in moving if part.trace.get("visible", True)] or moving:
         for body in np.unique(part.body):
             body_points = part.points[part.body == body]
             # Move the corners of the box around a body's points instead of all points

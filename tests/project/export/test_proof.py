@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from dataclasses import replace
 
@@ -75,6 +76,14 @@ def test_a_reader_that_is_not_installed_is_named(monkeypatch):
     assert made.ready
     assert list(made.proof.readers) == ["dynident"]
     assert made.proof.skipped == ("Pinocchio is not installed (the package `pin`): only dynident loaded the file",)
+
+
+def test_a_joint_without_limits_is_said_once_and_not_by_the_parser_of_pinocchio(capfd):
+    made = export(arm(re.sub("<limit[^>]*>", "", ARM)), Urdf(), STATES)
+    assert made.ready
+    (words,) = made.proof.skipped
+    assert "has no <limit>" in words
+    assert capfd.readouterr().err == ""
 
 
 def test_samples_are_spread_over_the_usable_ones():

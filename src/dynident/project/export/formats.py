@@ -103,6 +103,10 @@ class PinocchioArm:
         """Read a URDF; ValueError or RuntimeError for names and structures that Pinocchio does not take."""
         import pinocchio as pin
 
+        for joint in (node for node in XmlText(text).root.children if node.tag == "joint"):
+            # its parser would say this to the terminal, too
+            if joint.attributes.get("type") in ("revolute", "prismatic") and joint.find("limit") is None:
+                raise ValueError(f"the joint {joint.attributes.get('name')!r} has no <limit>")
         model = pin.buildModelFromXML(declare_root(text, bodies.file.root))
         model.gravity = pin.Motion(np.array(bodies.gravity), np.zeros(3))
         return cls(model, bodies)

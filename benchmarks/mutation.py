@@ -36,7 +36,7 @@ EQUIVALENT = ROOT / "benchmarks" / "mutation_equivalent.toml"
 MEMORY = 8 << 30  # bytes that a mutant may take, where the system can limit it
 MAX_TESTS, MAX_TIME = 150, 400.0  # tests of a mutant at most, the nearest; seconds, after which it is taken as noticed
 # tests that compare all that is shown or written: they see what runs when a file is imported, and are never too far
-WIDE = tuple(f"tests/laws/test_{x}.py" for x in ("written", "shown", "sentences", "values", "printed", "data"))
+WIDE = tuple(f"tests/laws/test_{x}.py" for x in ("written", "shown", "sentences", "values", "printed", "data", "defaults"))
 OPERATORS = tuple(
     f"core/{name}"
     for name in (

@@ -1,0 +1,82 @@
+"""All thresholds, limits, tables and defaults of the package, in one list: none changes unseen."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from enum import Enum
+from importlib import import_module
+from inspect import Parameter, getsource, isclass, isfunction, signature
+from pkgutil import walk_packages
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+import dynident
+from tests.kept import check_kept
+
+
+def plain(value: Any) -> str | None:
+    """Return numbers, and what holds only numbers, names and short texts, as text; None for anything else."""
+    if isinstance(value, Enum):
+        return str(value)
+    if value is None or isinstance(value, bool | int | float | complex):
+        return repr(value)
+    if isinstance(value, str | bytes):
+        return repr(value) if len(value) < 40 else None
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if is_dataclass(value) and not isclass(value):
+        value = {x.name: getattr(value, x.name) for x in fields(value)}
+    if isinstance(value, Mapping):
+        pairs = [(plain(key), plain(entry)) for key, entry in value.items()]
+        return None if None in (x for pair in pairs for x in pair) else ", ".join(f"{a}: {b}" for a, b in pairs)
+    if isinstance(value, Collection):
+        parts = [plain(entry) for entry in value]
+        ordered = sorted(map(str, parts)) if isinstance(value, set | frozenset) else parts
+        return None if None in parts else f"({', '.join(map(str, ordered))})"
+    return None
+
+
+def arguments(function: Any) -> Iterator[tuple[str, Any]]:
+    try:
+        parameters = signature(function).parameters.values()
+    except (TypeError, ValueError):
+        return
+    yield from ((x.name, x.default) for x in parameters if x.default not in (Parameter.empty, None, "", ()))
+
+
+def defaults(module: ModuleType) -> Iterator[tuple[str, Any]]:
+    """Yield names and values of the constants of a module, and of the defaults of its functions and classes."""
+    nodes = list(ast.walk(ast.parse(getsource(module))))
+    names = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+    yield from ((name, x) for name, x in vars(module).items() if name in names and name.lstrip("_").isupper())
+    for name, value in vars(module).items():
+        if isfunction(value) and value.__module__ == module.__name__:
+            yield from ((f"{name}({key})", default) for key, default in arguments(value))
+        elif isclass(value) and value.__module__ == module.__name__:
+            if is_dataclass(value):
+                yield from ((f"{name}.{x.name}", x.default) for x in fields(value) if x.default is not MISSING)
+            for key, member in vars(value).items():
+                if isfunction(member):
+                    yield from ((f"{name}.{key}({x})", default) for x, default in arguments(member) if key[0] != "_")
+                elif not key.startswith("_"):
+                    yield f"{name}.{key}", member
+
+
+def test_no_default_changes_unseen() -> None:
+    lines = []
+    for found in walk_packages(dynident.__path__, "dynident."):
+        if found.name.endswith("__main__"):
+            continue
+        try:
+            module = import_module(found.name)
+        except ImportError:  # of a package that only an extra needs
+            continue
+        texts = [(name, plain(value)) for name, value in defaults(module)]
+        lines += sorted(
+            {f"{found.name[9:]} {name} = {text}" for name, text in texts if text not in (None, "None", "''")}
+        )
+    check_kept("defaults", "\n".join(lines))

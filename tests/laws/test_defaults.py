@@ -67,7 +67,7 @@ def defaults(module: ModuleType) -> Iterator[tuple[str, Any]]:
 
 
 def test_no_default_changes_unseen() -> None:
-    lines = []
+    lines, here = list[str](), dynident.__path__[0]
     for found in walk_packages(dynident.__path__, "dynident."):
         if found.name.endswith("__main__"):
             continue

@@ -36,7 +36,12 @@ EQUIVALENT = ROOT / "benchmarks" / "mutation_equivalent.toml"
 MEMORY = 8 << 30  # bytes that a mutant may take, where the system can limit it
 MAX_TESTS, MAX_TIME = 150, 400.0  # tests of a mutant at most, the nearest; seconds, after which it is taken as noticed
 # tests that compare all that is shown or written: they see what runs when a file is imported, and are never too far
-WIDE = tuple(f"tests/laws/test_{x}.py" for x in ("written", "shown", "sentences", "values", "printed", "data", "defaults"))
+WIDE = tuple(f"tests/laws/test_{x}.py" for x in ("written", "shown", "sentences", "values", "printed"))
+# tests that compare what the package holds, and run no line of it
+LISTS = (
+    "tests/laws/test_data.py::test_data_cannot_be_changed_and_arrays_are_not_compared",
+    "tests/laws/test_defaults.py::test_no_default_changes_unseen",
+)
 OPERATORS = tuple(
     f"core/{name}"
     for name in (
@@ -199,7 +204,8 @@ class Coverage:
 
         What stands outside functions runs when a file is imported, and no test can be named for it. Of a constant these
         are then the tests that run a line with its name, of the head of a function those of its body, else of the file,
-        and all that are ``WIDE``. Of these none is left out for being far.
+        and all that are ``WIDE``. Of these none is left out for being far. All but the lines of functions are in
+        ``LISTS``.
         """
         statement, is_inside = innermost_statement((self.root / path).read_text(encoding="utf-8"), line)
         if isinstance(statement, ast.Assign | ast.AnnAssign) and not is_inside:
@@ -210,11 +216,13 @@ class Coverage:
         else:
             tests = self._union(path, self.by_line[path])
         wide = {test for test in self.size if test.startswith(WIDE)}
-        tests |= set() if is_inside or isinstance(statement, ast.FunctionDef) else wide
+        is_head = isinstance(statement, ast.FunctionDef)
+        tests |= set() if is_inside or is_head else wide
         # a table of lambdas is a constant, too: who runs one of them comes first
         runs_line = self.by_line[path].get(line, set[str]())
         nearest = sorted(tests | runs_line, key=lambda test: (test not in runs_line, self.size[test], test))
-        return nearest[:MAX_TESTS] + [test for test in nearest[MAX_TESTS:] if test in wide]
+        lists = [] if is_inside and not is_head else list(LISTS)
+        return lists + nearest[:MAX_TESTS] + [test for test in nearest[MAX_TESTS:] if test in wide]
 
     def _union(self, path: str, lines: Collection[int]) -> set[str]:
         return set[str]().union(*(self.by_line[path].get(line, set[str]()) for line in lines))

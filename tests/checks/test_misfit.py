@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks.misfit import CASE_SAMPLES, fit_case, measured_case, misfit
+from dynident.checks.misfit import CASE_SAMPLES, column_of_joint, fit_case, measured_case, misfit
 from dynident.motion.log import Motion
 from dynident.regression import ParallelFilter
 from tests.checks.moving_arm import MOVED, T, arm, case, motion, truth
@@ -39,6 +39,11 @@ def test_a_long_log_is_thinned_and_a_slow_one_is_not_filtered() -> None:
     assert CASE_SAMPLES <= len(fit_case(arm(), [at_rate(MOVED, 4)]).q) <= 2 * CASE_SAMPLES
     slow = replace(MOVED, t=10.0 * MOVED.t)
     np.testing.assert_array_equal(fit_case(arm(), [slow], samples=len(T)).tau, MOVED.tau)
+
+
+def test_a_column_acts_at_its_joint_alone() -> None:
+    column = column_of_joint(RIGHT, 1, np.ones(len(RIGHT.q)))
+    np.testing.assert_array_equal(column, np.tile([0.0, 1.0, 0.0], (len(RIGHT.q), 1)))
 
 
 def test_what_the_fit_leaves_out_does_not_count() -> None:

@@ -13,6 +13,7 @@ import pytest
 import dynident as dy
 from dynident.files.opener import open_input, refuse_inputs, remember_inputs, watch_inputs
 from dynident.files.tables import read_columns
+from dynident.project.config import read_config
 from dynident.runtime import ConfigError
 from tests.cli.commands import configure, run, write_log
 
@@ -164,6 +165,15 @@ def test_a_result_is_not_saved_over_what_it_was_made_from(place: Path) -> None:
     os.unlink("link.json")
     assert files(place) == before
     found.save("out/result.json")
+
+
+def test_what_a_configuration_names_is_an_input_before_it_is_opened(place: Path) -> None:
+    with watch_inputs():
+        read_config("identify.yaml")
+        for name in ("log.csv", "val.csv", "rail.urdf"):
+            with pytest.raises(ConfigError, match="would be replaced"):
+                refuse_inputs(place / name)
+        refuse_inputs(place / "other.csv")
 
 
 def test_outside_a_command_nothing_is_remembered(tmp_path: Path) -> None:

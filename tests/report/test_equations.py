@@ -43,6 +43,8 @@ def test_a_law_that_all_joints_have_stands_once():
     assert "w c = 0.02" in text
     assert "base τ = 0.500 q ˙ + 3.00 tanh ( q ˙ / 0.02 ) N m" in text
     assert "rail τ = − 2.00 q ˙ + 1.00 × 10 − 7 tanh ( q ˙ / 0.02 ) N" in text
+    assert "the sign, 0 up to" not in text
+    assert "the sign, 0 up to d c" in seen(found(Model((Coulomb(JOINTS, dead_band=0.02),))))
 
 
 def test_what_is_not_determined_stays_a_symbol():

@@ -10,7 +10,7 @@ import pytest
 from dynident.apps.demo.servo_arm import COUNT, FILE_VALUES, KP, LIMIT, SERVO_JOINTS, TRUE_DELAY
 from dynident.apps.servo.fit import fit_values
 from dynident.apps.servo.judge import ServoUse, position_noise, roll_out, verdict_of
-from dynident.apps.servo.run import _fit_warnings, choose_fit
+from dynident.apps.servo.run import _fit_warnings, _spaced, choose_fit
 from dynident.apps.servo.start import smooth_servo_log, start_values
 from dynident.apps.servo.suspects import suspect_entries
 from dynident.apps.servo.values import Entry, Quantity
@@ -22,6 +22,15 @@ from tests.apps.servo.arms import ENTRIES, plant, recording, values
 @pytest.fixture(scope="module")
 def motion():
     return smooth_servo_log(recording())
+
+
+def test_commands_are_spaced_as_the_positions_of_their_rows() -> None:
+    even = 0.01 * np.arange(20)
+    jitter = 0.002 * np.sin(np.arange(20.0))
+    spaced = _spaced(even + jitter, even[4:12])
+    np.testing.assert_array_equal(spaced[4:12], even[4:12])
+    np.testing.assert_array_equal(np.delete(spaced, range(4, 12)), np.delete(even + jitter, range(4, 12)))
+    np.testing.assert_array_equal(_spaced(even + 3 * jitter, even[4:12]), np.sort(even + 3 * jitter))
 
 
 def test_values_and_delay_are_found_within_their_errors(motion) -> None:

@@ -234,7 +234,7 @@ try:
     print("up", flush=True)
     time.sleep(60)
 except KeyboardInterrupt:
-    time.sleep(1)
+    time.sleep(0.3)
     sys.exit(7)
 """
 

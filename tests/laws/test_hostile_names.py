@@ -10,7 +10,6 @@ import io
 import json
 import re
 import time
-from functools import cache
 from html.parser import HTMLParser
 from urllib.parse import unquote
 from xml.sax.saxutils import quoteattr
@@ -95,22 +94,15 @@ def robot(names):
     return urdf(*parts)
 
 
-@cache
-def model_of(name, is_mjcf):
-    """A robot that has the name itself, its model, and a joint of that name between others."""
-    names = ("b'+'", name, "@JOINTS@") if name not in ("b'+'", "@JOINTS@") else ("b'+'", "@JOINTS@")
-    bodies = RigidBodies(mjcf(names) if is_mjcf else robot(names), source=name)
-    assert tuple(one.name for one in bodies.joints) == names
-    return Model((bodies, Viscous(bodies.joints)), name=f"{name} @JOINTS@")
-
-
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.format)
 @pytest.mark.parametrize("is_mjcf", [False, True])
 def test_no_export_runs_a_name(kind, name, is_mjcf):
     """The law: each format gives back the names that it was given, and its torque is proven, so that it was loaded."""
-    model = model_of(name, is_mjcf)
-    names = tuple(one.name for one in model.joints)
+    names = ("b'+'", name, "@JOINTS@") if name not in ("b'+'", "@JOINTS@") else ("b'+'", "@JOINTS@")
+    bodies = RigidBodies(mjcf(names) if is_mjcf else robot(names), source=name)
+    model = Model((bodies, Viscous(bodies.joints)), name=f"{name} @JOINTS@")
+    assert tuple(one.name for one in model.joints) == names
     one = IdentifiedModel(model, np.concatenate([np.tile(BODY, len(names)), np.ones(len(names))]))
     made = export(one, kind, random_states(len(names), np.random.default_rng(0), 5))
     assert made.ready, made.refusal

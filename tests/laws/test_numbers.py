@@ -45,22 +45,9 @@ def article() -> dict[str, list[float]]:
 
 
 def demo(folder: Path) -> dict[str, list[float]]:
-    logs = [str(folder / "arm" / name) for name in ("monday.parquet", "tuesday.parquet")]
-    typed = (
-        ["demo", "--files", "--out", str(folder / "arm")],
-        ["init", str(folder / "arm" / "arm.urdf"), *logs, "-o", str(folder / "robot.yaml")],
-    )
-    for words in typed:
-        done = CliRunner().invoke(main, words)
-        assert done.exit_code == 0, done.output
-    return numbers(folder / "robot.yaml")
-
-
-def numbers(config: Path) -> dict[str, list[float]]:
-    """What the command finds for a configuration: parameters with standard errors, and the errors on all logs."""
-    done = CliRunner().invoke(main, ["identify", str(config), "--out", str(config.with_suffix(""))])
+    done = CliRunner().invoke(main, ["demo", "--out", str(folder / "arm")])
     assert done.exit_code == 0, done.output
-    return numbers_of(json.loads((config.with_suffix("") / "result.json").read_text()))
+    return numbers_of(json.loads((folder / "arm" / "result" / "result.json").read_text()))
 
 
 def numbers_of(result: dict[str, Any]) -> dict[str, list[float]]:

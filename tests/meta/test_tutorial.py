@@ -16,7 +16,7 @@ import runpy
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -105,16 +105,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def _fits() -> Iterator[None]:
-    with patch.object(project, "identify", remembered(project.identify)):
-        yield
-
-
-@pytest.fixture(scope="module")
-def printed(folder: Path, _fits: None) -> dict[str, list[tuple[Step, str]]]:
-    """What each command prints, by section, after all of the page was typed."""
+def printed(folder: Path) -> dict[str, list[tuple[Step, str]]]:
+    """What each command prints, by section, after all of the page was typed; then the demo, whose fit is the last."""
     done: dict[str, list[tuple[Step, str]]] = {}
-    with contextlib.chdir(folder):
+    with contextlib.chdir(folder), patch.object(project, "identify", remembered(project.identify)):
         for title, section in SECTIONS.items():
             done[title] = []
             for kind, body in BLOCK.findall(section):
@@ -124,6 +118,9 @@ def printed(folder: Path, _fits: None) -> dict[str, list[tuple[Step, str]]]:
                     edit(body)
                 elif not absent(section):
                     done[title] += [(step, typed(step.command)) for step in steps(body)]
+        (folder / "demo").mkdir()
+        os.chdir(folder / "demo")
+        done["demo"] = [(Step("dynident demo", ""), typed("dynident demo"))]
     return done
 
 
@@ -170,16 +167,12 @@ def test_the_numbers_stay(printed: dict[str, list[tuple[Step, str]]], folder: Pa
     check_numbers("demo", numbers_of(json.loads((folder / "my-arm" / "result" / "result.json").read_text())))
 
 
-def test_the_demo_goes_the_whole_way(printed: dict[str, list[tuple[Step, str]]], tmp_path: Path) -> None:
-    """With the fit of the page, whose configuration it drafts."""
-    with contextlib.chdir(tmp_path):
-        shown = typed("dynident demo")
+def test_the_demo_goes_the_whole_way(printed: dict[str, list[tuple[Step, str]]], folder: Path) -> None:
+    ((_, shown),) = printed["demo"]
     commands = [line.split()[2] for line in shown.splitlines() if line.startswith("$ dynident ")]
     assert commands == ["init", "check", "identify"]
-    assert "No errors and no warnings" in shown
-    assert "tilt about x" in shown
-    assert "Good for control" in shown
-    arm = tmp_path / "arm-out"
+    assert all(words in shown for words in ("No errors and no warnings", "tilt about x", "Good for control"))
+    arm = folder / "demo" / "arm-out"
     assert {path.name for path in arm.iterdir()} >= {"arm.urdf", "meshes", "robot.yaml", "controller.yaml", "result"}
 
 

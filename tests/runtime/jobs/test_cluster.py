@@ -73,7 +73,7 @@ class TestWorkers:
         trouble = {"raises": Status.FAILED, "hangs": Status.TIMED_OUT, "eats": Status.OUT_OF_MEMORY}
         jobs = [(name, number) for number, name in enumerate([*trouble, "crashes", *["fine"] * 20])]
         with cluster_workers(running.address) as executor:
-            done = by_job(list(run_jobs(Trouble(tmp_path), jobs, executor, limits=Limits(seconds=1.5, memory=0.5))))
+            done = by_job(list(run_jobs(Trouble(tmp_path), jobs, executor, limits=Limits(seconds=4.0, memory=0.5))))
         expected = {**trouble, "crashes": Status.DIED, "fine": Status.OK}
         assert {job: one.status for job, one in done.items()} == {job: expected[job[0]] for job in jobs}
         assert all(done[job].value == job[1] ** 2 for job in jobs if job[0] == "fine")

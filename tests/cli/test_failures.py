@@ -41,13 +41,8 @@ def test_a_fault_is_one_line_that_says_what_to_report(monkeypatch: pytest.Monkey
     assert done.exit_code == 70
     assert done.output.startswith(f"Error: dynident failed with {type(error).__name__}")
     assert done.output.count("\n") == 1
-    for words in (
-        "a fault of dynident",
-        f"dynident {__version__}",
-        "Python 3.",
-        "--debug",
-        " at cli/identification.py:",
-    ):
+    version = f"dynident {__version__}"
+    for words in ("a fault of dynident", version, "Python 3.", "--debug", " at cli/identification.py:"):
         assert words in done.output, done.output
 
 

@@ -132,12 +132,6 @@ class TestReproduce:
     def test_a_folder_that_cannot_be_made_is_said_first(self, tmp_path: Path, option: str) -> None:
         (tmp_path / "taken").write_text("mine")
         no_folder = tmp_path / "taken" / "out"
-        done = refuse(
-            "reproduce",
-            "--scenario",
-            "unknown",
-            option,
-            no_folder if option == "--out" else no_folder / "r.json",
-            says=str(no_folder),
-        )
+        path = no_folder if option == "--out" else no_folder / "r.json"
+        done = refuse("reproduce", "--scenario", "unknown", option, path, says=str(no_folder))
         assert "Known" not in done.output

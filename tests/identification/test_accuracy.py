@@ -20,7 +20,7 @@ from tests.robots import ARM
 
 def swing(seed: int = 0, sigma_q: float = 1e-4, sigma_tau: float = 0.05) -> tuple[Model, Log]:
     model, t = pendulum(), np.arange(1001) * 0.005
-    motion = simulate(model, model.values, lambda s: [np.sin(5 * s) + np.cos(2 * s)], t)
+    motion = simulate(model, model.values, lambda s: [np.sin(5 * s) + np.cos(2 * s)], t, tolerance=1e-9)
     return model, record(motion, sigma_q, sigma_tau, np.random.default_rng(seed), f"swing {seed}").log
 
 

@@ -24,7 +24,7 @@ from dynident.testing.estimator import multisine_motion
 
 ARM, CORRELATION = pendulum(), 0.9  # of the torque's noise from sample to sample
 T = np.arange(2000) * 0.005
-MOTION = simulate(ARM, ARM.values, lambda t: [0.4 * np.sin(9.0 * t) + np.sin(2.3 * t)], T)
+MOTION = simulate(ARM, ARM.values, lambda t: [0.4 * np.sin(9.0 * t) + np.sin(2.3 * t)], T, tolerance=1e-9)
 RECIPE = Recipe(Difference("central"))
 
 

@@ -42,7 +42,7 @@ def test_the_articles_arm(name: str, level: float) -> None:
 def swing(samples: int = 201):
     model = pendulum()
     t = np.linspace(0, 2, samples)
-    return model, simulate(model, model.values, lambda s: [np.interp(s, t, np.sin(5 * t))], t)
+    return model, simulate(model, model.values, lambda s: [np.interp(s, t, np.sin(5 * t))], t, tolerance=1e-9)
 
 
 class TestBound:
@@ -155,7 +155,7 @@ def test_a_dense_least_squares_problem_gives_the_same(uneven: float) -> None:
 
     t = np.cumsum(np.random.default_rng(0).uniform(1.0 - uneven, 1.0 + uneven, 30)) / 15
     model = pendulum()
-    motion = simulate(model, model.values, lambda s: [np.sin(5 * s)], t)
+    motion = simulate(model, model.values, lambda s: [np.sin(5 * s)], t, tolerance=1e-9)
     h = np.diff(t)
     knots = np.concatenate([t[0] - np.cumsum(h[:3])[::-1], t, t[-1] + np.cumsum(h[:-4:-1])])
     B = BSpline(knots, np.eye(len(t) + 2), 3)

@@ -45,7 +45,7 @@ def log() -> Log:
 def driven() -> Motion:
     """Four seconds in which given torques drive the arm."""
     t = np.linspace(0, 4, 801)
-    return simulate(ARM, np.asarray(ARM.values), lambda s: (1.13 * np.sin(3 * s), 0.78 * np.cos(4 * s)), t)
+    return simulate(ARM, ARM.values, lambda s: (1.13 * np.sin(3 * s), 0.78 * np.cos(4 * s)), t, tolerance=1e-9)
 
 
 def error(found: Identification) -> float:

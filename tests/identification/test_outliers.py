@@ -28,7 +28,7 @@ T = np.arange(2000) * 0.005
 
 @cache
 def motion(rate: float) -> Motion:
-    return simulate(ARM, ARM.values, lambda t: [0.4 * np.sin(rate * t) + np.sin(2.3 * t)], T)
+    return simulate(ARM, ARM.values, lambda t: [0.4 * np.sin(rate * t) + np.sin(2.3 * t)], T, tolerance=1e-9)
 
 
 def log(seed: int, rate: float = 9.0) -> Log:

@@ -134,19 +134,26 @@ def test_no_candidates_and_torques_of_zero_choose_nothing() -> None:
 
 
 @cache
-def unlike_noise(seed: int) -> Log:
-    """A fast joint with white noise, and a slow one whose noise is far from white, so that it is taken as less."""
-    arm, t, rng = two_link_arm(), np.arange(4000) * 0.005, np.random.default_rng(seed)
-    motion = simulate(
+def unlike_motion() -> Motion:
+    """A fast joint and a slow one."""
+    arm = two_link_arm()
+    return simulate(
         arm,
         arm.values,
         lambda s: (0.3 * np.sin(14 * s) + 0.3 * np.sin(9.7 * s), 1.2 * np.sin(2.1 * s) + 0.4 * np.sin(2.9 * s)),
-        t,
+        np.arange(4000) * 0.005,
+        tolerance=1e-9,
     )
-    coloured = lfilter([1.0], [1.0, -0.9], rng.standard_normal(len(t)))
-    noise = np.column_stack([2e-5 * rng.standard_normal(len(t)), 1e-2 * coloured / coloured.std()])
+
+
+@cache
+def unlike_noise(seed: int) -> Log:
+    """White noise on the fast joint, and on the slow one noise far from white, so that it is taken as less."""
+    motion, rng = unlike_motion(), np.random.default_rng(seed)
+    coloured = lfilter([1.0], [1.0, -0.9], rng.standard_normal(len(motion.t)))
+    noise = np.column_stack([2e-5 * rng.standard_normal(len(motion.t)), 1e-2 * coloured / coloured.std()])
     tau = motion.tau + 0.002 * motion.tau.std(axis=0) * rng.standard_normal(motion.tau.shape)
-    return Log(t, motion.q + noise, tau, motion.joints)
+    return Log(motion.t, motion.q + noise, tau, motion.joints)
 
 
 @pytest.mark.parametrize("seed", range(1, 4))

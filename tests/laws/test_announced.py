@@ -23,7 +23,7 @@ from tests.apps.excitation.arms import LIMITS, MODEL, THETA
 from tests.apps.excitation.requests import OPEN, REQUEST
 
 RUNS = 100
-STEP, EVERY = 1e-3, 4  # s: the cycle of the drives, of which each fourth is recorded
+STEP, EVERY = 2e-3, 2  # s: the cycle of the drives, of which each second is recorded
 COUNT = 2 * np.pi / 2**17  # rad
 GAINS = np.array([100.0, 30.0])  # N m s/rad
 SLOW = tuple(min_fit_speeds(MODEL, LIMITS))  # below, a joint may be held by friction

@@ -100,8 +100,7 @@ def robot(names):
 def test_no_export_runs_a_name(kind, name, is_mjcf):
     """The law: each format gives back the names that it was given, and its torque is proven, so that it was loaded."""
     names = ("b'+'", name, "@JOINTS@") if name not in ("b'+'", "@JOINTS@") else ("b'+'", "@JOINTS@")
-    text = mjcf(names) if is_mjcf else robot(names)
-    bodies = RigidBodies(text, source=name)
+    bodies = RigidBodies(mjcf(names) if is_mjcf else robot(names), source=name)
     model = Model((bodies, Viscous(bodies.joints)), name=f"{name} @JOINTS@")
     assert tuple(one.name for one in model.joints) == names
     one = IdentifiedModel(model, np.concatenate([np.tile(BODY, len(names)), np.ones(len(names))]))
@@ -191,14 +190,11 @@ def files(folder, joints, odd):
         "estimator": {"kind": "consistent", "costs": False},
     }
     (folder / f"{odd}.yaml").write_text(yaml.safe_dump(config, allow_unicode=True))
-    logs = {"log": [f"{odd}.parquet", odd], "robot": [odd, odd], "date": ["2026-01-01", odd], odd: [1, 2]}
-    pl.DataFrame(logs).write_parquet(folder / "logs.parquet")
-    (folder / "fleet.yaml").write_text(yaml.safe_dump({"recipe": f"{odd}.yaml", "table": "logs.parquet"}))
     return folder
 
 
 def commands(folder, odd):
-    """Every command that reads a file; most end well, some in errors that name the files, columns and joints."""
+    """Every command that reads a file but ``fleet``; most end well, some in errors that name what they were given."""
     config, log, result = folder / f"{odd}.yaml", folder / f"{odd}.parquet", folder / "out" / "result.json"
     yield 0, ("identify", config, "--out", folder / "out")
     yield 0, ("check", config, folder / f"{odd}.urdf", "--json", folder / "check.json")
@@ -207,7 +203,6 @@ def commands(folder, odd):
     for kind in EXPORTERS.table:
         yield 0, ("export", result, "--format", kind, "--out", folder / f"new {odd}.{kind}")
     yield 0, ("smooth", log, "--time", f"t {odd}", "--out", folder / "out3")
-    yield 0, ("fleet", folder / "fleet.yaml", "--out", folder / "out4", "--workers", "1")
     yield 0, ("init", folder / f"{odd}.urdf", log, "-o", folder / f"init {odd}.yaml")
     yield 1, ("smooth", log, "--time", odd)
     yield 1, ("identify", folder / f"{odd}{odd}.yaml")
@@ -232,7 +227,7 @@ def commands(folder, odd):
 def test_every_command_only_shows_names(tmp_path):
     plain = files(tmp_path / "plain", ("one", "two"), "odd")
     for code, words in commands(plain, "odd"):
-        if code == 0 and words[0] in ("identify", "bound", "smooth", "fleet"):  # those that write a page
+        if code == 0 and words[0] in ("identify", "bound", "smooth"):  # those that write a page
             assert (done := run(*words)).exit_code == 0, (words, done.output)
     wrong = files(tmp_path / "wrong", JOINTS, ODD)
     for code, words in commands(wrong, ODD):
@@ -241,7 +236,7 @@ def test_every_command_only_shows_names(tmp_path):
         acting = ACTS.search(done.output)
         assert not acting, (words, acting, done.output)
         assert not re.search(r"^\s*Verdict: Good\b(?! for| enough)", done.output, re.M), (words, done.output)
-    for page in ("out/report.html", "out2/report.html", "out3/report.html", "out4/report.html"):
+    for page in ("out/report.html", "out2/report.html", "out3/report.html"):
         mine, usual = Tags((wrong / page).read_text()), Tags((plain / page).read_text())
         assert mine.tags.count("script") == usual.tags.count("script"), page
         assert set(mine.tags) == set(usual.tags), page
@@ -269,7 +264,7 @@ def test_a_fleet_only_shows_names(tmp_path):
         files(folder, ("one", "two") if odd == "odd" else JOINTS, odd)
         logs = {"log": [f"{odd}.parquet"] * 3 + [f"{odd}-lost.parquet"], "robot": [f"{odd} {k}" for k in range(4)]}
         dates = ["2026-01-01", "2026-01-02", odd, "2026-01-04"]
-        pl.DataFrame({**logs, "date": dates, f"note {odd}": "x"}).write_csv(folder / f"{odd}.csv")
+        pl.DataFrame({**logs, "date": dates, odd: "x"}).write_csv(folder / f"{odd}.csv")
         (folder / f"fleet {odd}.yaml").write_text(
             yaml.safe_dump({"recipe": f"{odd}.yaml", "table": f"{odd}.csv", "type": odd}, allow_unicode=True)
         )

@@ -10,7 +10,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 import tomllib
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,6 +18,7 @@ from typing import Any
 import pytest
 
 from dynident.cli import main
+from tests.cli.commands import configure, write_log
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="the environment is stood in for by a shell script")
@@ -76,12 +76,12 @@ def test_the_exit_code_and_the_streams_are_those_of_the_command(user: Path) -> N
 
 
 def test_a_signal_reaches_the_command(user: Path) -> None:
-    process = start(user, "run", "reproduce", "--methods", "raw", "--runs", "10000", "--workers", "1", "--out", "out")
-    while not list((user / "out" / "study.parquet.parts").glob("*.parquet")):
-        assert process.poll() is None
-        time.sleep(0.05)
+    write_log(user, n=20_000)
+    process = start(user, "run", "check", *[str(configure(user))] * 500)
+    assert process.stdout is not None
+    process.stdout.readline()
     process.send_signal(signal.SIGTERM)
-    assert "finished runs are kept in out/study.parquet" in process.communicate()[1]
+    assert process.communicate()[1].startswith("Interrupted: ")
     assert process.returncode == 128 + signal.SIGTERM
 
 
@@ -234,7 +234,7 @@ try:
     print("up", flush=True)
     time.sleep(60)
 except KeyboardInterrupt:
-    time.sleep(1)
+    time.sleep(0.3)
     sys.exit(7)
 """
 

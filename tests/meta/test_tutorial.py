@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import math
 import os
 import re
@@ -28,6 +29,7 @@ from click.testing import CliRunner
 from dynident.cli import main
 from dynident.identification import Identification
 from dynident.project import project
+from tests.laws.test_numbers import check_numbers, numbers_of
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
@@ -89,7 +91,7 @@ def remembered(compute: Callable[..., Identification]) -> Callable[..., Identifi
     known: dict[str, Identification] = {}
 
     def identified(*given: Any, **named: Any) -> Identification:
-        text = Path("robot.yaml").read_text(encoding="utf-8")
+        (text,) = (one.read_text(encoding="utf-8") for one in Path().glob("**/robot.yaml"))
         if text not in known:
             known[text] = compute(*given, **named)
         return known[text]
@@ -104,7 +106,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def printed(folder: Path) -> dict[str, list[tuple[Step, str]]]:
-    """What each command prints, by section, after all of the page was typed."""
+    """What each command prints, by section, after all of the page was typed; then the demo, whose fit is the last."""
     done: dict[str, list[tuple[Step, str]]] = {}
     with contextlib.chdir(folder), patch.object(project, "identify", remembered(project.identify)):
         for title, section in SECTIONS.items():
@@ -116,6 +118,9 @@ def printed(folder: Path) -> dict[str, list[tuple[Step, str]]]:
                     edit(body)
                 elif not absent(section):
                     done[title] += [(step, typed(step.command)) for step in steps(body)]
+        (folder / "demo").mkdir()
+        os.chdir(folder / "demo")
+        done["demo"] = [(Step("dynident demo", ""), typed("dynident demo"))]
     return done
 
 
@@ -155,6 +160,20 @@ def test_the_commands_print_what_is_shown(title: str, printed: dict[str, list[tu
     assert printed[title]
     for step, text in printed[title]:
         assert_printed(step, text)
+
+
+def test_the_numbers_stay(printed: dict[str, list[tuple[Step, str]]], folder: Path) -> None:
+    """Parameters and errors of the page, to more digits than it shows."""
+    check_numbers("demo", numbers_of(json.loads((folder / "my-arm" / "result" / "result.json").read_text())))
+
+
+def test_the_demo_goes_the_whole_way(printed: dict[str, list[tuple[Step, str]]], folder: Path) -> None:
+    ((_, shown),) = printed["demo"]
+    commands = [line.split()[2] for line in shown.splitlines() if line.startswith("$ dynident ")]
+    assert commands == ["init", "check", "identify"]
+    assert all(words in shown for words in ("No errors and no warnings", "tilt about x", "Good for control"))
+    arm = folder / "demo" / "arm-out"
+    assert {path.name for path in arm.iterdir()} >= {"arm.urdf", "meshes", "robot.yaml", "controller.yaml", "result"}
 
 
 def test_a_changed_output_would_be_noticed() -> None:

@@ -42,7 +42,7 @@ def swing(model: Model, noise: float, seed: int, rate: float = 3.0, seconds: flo
     """The two-link arm, driven by sines, without base parameters that are tied."""
     t = np.linspace(0, seconds, round(200 * seconds) + 1)
     arm = two_link_arm()
-    moved = simulate(arm, np.asarray(arm.values), lambda s: (1.13 * np.sin(rate * s), 0.78 * np.cos(4 * s)), t)
+    moved = simulate(arm, arm.values, lambda s: (1.13 * np.sin(rate * s), 0.78 * np.cos(4 * s)), t, tolerance=1e-9)
     return record(moved, noise, 0.01, np.random.default_rng(seed), source=f"swing {seed}").log
 
 

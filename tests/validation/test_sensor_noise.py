@@ -24,7 +24,9 @@ def moved(model: Model) -> Motion:
     def torque(t: float) -> list[float]:
         return [np.sin((3.0 + k) * t) for k in range(len(model.joints))]
 
-    return simulate(model, model.values, torque, np.arange(5001 if len(model.joints) == 1 else 2501) * 0.002)
+    return simulate(
+        model, model.values, torque, np.arange(5001 if len(model.joints) == 1 else 2501) * 0.002, tolerance=1e-9
+    )
 
 
 @cache

@@ -131,9 +131,9 @@ def test_threads_change_nothing() -> None:
 def test_trouble_with_one_fit_leaves_the_others_unharmed(tmp_path: Path) -> None:
     """On the recordings of the higher noise one method raises, one hangs, one eats memory, and one ends its process."""
     methods, path = [Mean(), *TROUBLES], tmp_path / "study.parquet"
-    with local_workers(2) as executor:
+    with local_workers(2, ["tests.apps.article.work"]) as executor:
         table = run_study(
-            [Still()], methods, LEVELS, 1, path=path, executor=executor, limits=Limits(seconds=3.0, memory=1.0)
+            [Still()], methods, LEVELS, 1, path=path, executor=executor, limits=Limits(seconds=1.0, memory=1.0)
         )
     low, high = (table.filter(level=level) for level in LEVELS)
     assert set(low["status"]) == {FitOutcome.OK}

@@ -164,7 +164,7 @@ def test_only_scripts_that_are_known_run() -> None:
 def test_connections_that_send_nothing_or_drip_are_closed_soon_and_are_not_many(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(server_module, "HEADER_TIME", 0.5)
+    monkeypatch.setattr(server_module, "HEADER_TIME", 0.25)
     listener = bind_socket(0)
     port = listener.getsockname()[1]
     server = build_server(flask.Flask("served"), listener)

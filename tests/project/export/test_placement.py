@@ -135,7 +135,7 @@ def test_a_file_has_its_own_error_on_the_logs():
     bodies = RigidBodies(text)
     model = Model((bodies, RotorInertia(bodies.joints), Offset(bodies.joints)), name="turn")
     theta = np.concatenate([[parameter.value for parameter in bodies.parameters], [0.4, 0.3]])
-    motion = simulate(model, theta, lambda s: [np.sin(3 * s)], np.arange(2001) * 0.005)
+    motion = simulate(model, theta, lambda s: [np.sin(3 * s)], np.arange(2001) * 0.005, tolerance=1e-9)
     log = record(motion, 1e-6, 1e-3, np.random.default_rng(0)).log
     recipe = Recipe(smoother=Spline(sigma=1e-6), estimator=PhysicallyConsistent())
     urdf_file, *others = exports(identify(model, [log], [log], recipe))

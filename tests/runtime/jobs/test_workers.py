@@ -75,7 +75,7 @@ def test_limits_on_an_executor_of_the_user(tmp_path: Path, pool: Callable[..., T
     jobs = [("hangs", 0), ("ends", 1), ("crashes_once", 2), *(("fine", number) for number in range(3, 20))]
     how = (get_context("fork"),) if pool is ProcessPoolExecutor and sys.platform == "linux" else ()
     with pool(2, *how) as executor:
-        done = by_job(list(run_jobs(Trouble(tmp_path), jobs, executor, limits=Limits(seconds=1.0))))
+        done = by_job(list(run_jobs(Trouble(tmp_path), jobs, executor, limits=Limits(seconds=0.5))))
     assert [done[job].status for job in jobs] == [Status.TIMED_OUT, Status.DIED] + 18 * [Status.OK]
 
 

@@ -131,7 +131,7 @@ def test_what_a_broken_compiler_says_is_said_and_the_old_library_stays(tiny: Pat
 def test_a_compiler_that_hangs_is_ended_with_what_it_started(tiny: Path, tmp_path: Path, end: str) -> None:
     hanging = program(tmp_path / "hanging", f"sleep 600 & echo $! >> {tmp_path}/started; {end}")
     with pytest.raises(BuildError, match="took too long"):
-        make(tiny / FILE, [str(hanging)], seconds=1.0)
+        make(tiny / FILE, [str(hanging)], seconds=0.5)
     for number in map(int, (tmp_path / "started").read_text().split()):
         until = time.monotonic() + 10
         while runs(number):

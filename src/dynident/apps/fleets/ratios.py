@@ -120,16 +120,23 @@ class LikelihoodRatios(Noun):
         self, basis: Array, values: Array, variance_factors: Array
     ) -> tuple[Array, Candidate | None]:
         """Return the evidence (N) of the clearest change in values (N, K, b), and which it is in the first of them."""
-        scores, top, best = self._scores(basis, values), np.full(len(values), -np.inf), None
+        scores, best = self._scores(basis, values), None
+        # gains of the same rank share one chi-square distribution: the largest of them has the clearest evidence
+        largest: dict[int, tuple[Array, Candidate]] = {}
         for g, part in enumerate(self.group_slices):
             gains, rank = self._gains(basis, scores, part)
-            # courses with gains of the same rank share one chi-square distribution
-            for r in np.unique(rank[rank > 0]):
+            for r in np.unique(rank[rank > 0]).tolist():
                 courses = np.flatnonzero(rank == r)
-                group_evidence = evidence(gains[courses].max(axis=0) * variance_factors[:, g], int(r))
-                if group_evidence[0] > top[0]:
-                    best = g, int(courses[np.argmax(gains[courses, 0])])
-                top = np.maximum(top, group_evidence)
+                gain = gains[courses].max(axis=0) * variance_factors[:, g]
+                course = g, int(courses[np.argmax(gains[courses, 0])])
+                known, its = largest.get(r, (gain, course))
+                largest[r] = np.maximum(known, gain), its if known[0] >= gain[0] else course
+        top = np.full(len(values), -np.inf)
+        for r, (gain, course) in largest.items():
+            clearest = evidence(gain, r)
+            if clearest[0] > top[0]:
+                best = course
+            top = np.maximum(top, clearest)
         return top, best
 
     def refine(self, selected: Sequence[Candidate]) -> list[Candidate]:

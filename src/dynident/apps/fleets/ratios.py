@@ -129,8 +129,9 @@ class LikelihoodRatios(Noun):
                 courses = np.flatnonzero(rank == r)
                 gain = gains[courses].max(axis=0) * variance_factors[:, g]
                 course = g, int(courses[np.argmax(gains[courses, 0])])
-                known, its = largest.get(r, (gain, course))
-                largest[r] = np.maximum(known, gain), its if known[0] >= gain[0] else course
+                earlier_gain, earlier_course = largest.get(r, (gain, course))
+                is_larger = gain[0] > earlier_gain[0]
+                largest[r] = np.maximum(earlier_gain, gain), course if is_larger else earlier_course
         top = np.full(len(values), -np.inf)
         for r, (gain, course) in largest.items():
             clearest = evidence(gain, r)

@@ -81,9 +81,11 @@ def machine(facts: Mapping[str, Any]) -> str:
 
 
 def pictures(measured: Measured) -> dict[str, str]:
-    """The plots as SVG, by their names."""
+    """The plots as SVG, by their names; those of which points are missing stay as they are."""
     found = {}
     for name, plot in PLOTS.items():
+        if any(work.key not in measured for _, work, _ in plot.points):
+            continue
         lines: dict[str, list[tuple[float, float]]] = {}
         for x, work, count in plot.points:
             for way in (*work.ways, *work.peers):
@@ -118,7 +120,7 @@ def page(text: str, facts: Mapping[str, Any], measured: Measured) -> str:
     """The page with its tables of these figures."""
     keys = measured.keys()
     parts = {
-        name: table(one, measured) for name, one in TABLES.items() if any(row.work.key in keys for row in one.rows)
+        name: table(one, measured) for name, one in TABLES.items() if all(row.work.key in keys for row in one.rows)
     }
     if all(row.work.key in keys for row in (FITPACK, CSAPS, PINOCCHIO, TX40, MILLION)):
         parts["speed"] = speed(measured)

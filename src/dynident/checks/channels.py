@@ -113,7 +113,7 @@ def _interpolated_share(q: Array) -> float:
     # compare with the usual bend: an interpolated signal has many samples with almost none
     usual_bend = float(np.percentile(bend, BEND_PERCENTILE)) if len(bend) else 0.0
     on_a_grid = np.mean(step == 0) > 0.01 or len(np.unique(bend)) < len(bend) / 20
-    if usual_bend == 0 or moving.mean() < 0.5 or on_a_grid:
+    if usual_bend == 0 or on_a_grid:
         return 0.0
     return float(np.mean(bend[moving] < MAX_STRAIGHT_BEND * usual_bend))
 

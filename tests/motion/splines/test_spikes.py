@@ -82,6 +82,8 @@ def test_a_frozen_stretch_is_found_and_a_rest_is_not() -> None:
     assert np.flatnonzero(frozen_samples(T, x)).tolist() == list(range(1000, 1300))
     rest = np.round(np.sin(5 * np.clip(T, 1.0, None)) / 1e-3) * 1e-3
     assert frozen_samples(T, rest).sum() == 0
+    assert frozen_samples(T[:31], x[985:1016]).sum() == 0  # too short to tell
+    assert frozen_samples(T[:1000], np.full(1000, 2.0)).sum() == 0
 
 
 def test_the_bridge_follows_the_curve() -> None:

@@ -48,8 +48,11 @@ def arguments(function: Any) -> Iterator[tuple[str, Any]]:
 
 def defaults(module: ModuleType) -> Iterator[tuple[str, Any]]:
     """Yield names and values of the constants of a module, and of the defaults of its functions and classes."""
-    nodes = list(ast.walk(ast.parse(getsource(module))))
-    names = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+    names = set[str]()
+    for node in ast.walk(ast.parse(getsource(module))):
+        # what is empty at first is a cache
+        if isinstance(node, ast.Assign | ast.AnnAssign) and ast.unparse(node.value or node) not in ("{}", "[]"):
+            names |= {x.id for x in ast.walk(node) if isinstance(x, ast.Name) and isinstance(x.ctx, ast.Store)}
     yield from ((name, x) for name, x in vars(module).items() if name in names and name.lstrip("_").isupper())
     for name, value in vars(module).items():
         if isfunction(value) and value.__module__ == module.__name__:

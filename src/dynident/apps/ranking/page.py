@@ -35,7 +35,8 @@ COMMON_NOTE = (
     "the configured smoother, in which only the parameters differ. Errors are geometric means over the joints of their "
     "relative errors: one percent less in any joint counts the same, however much torque it has, as in the likelihood "
     'of residuals of each joint\'s own size; "all joints" is the error of all torques together, as `identify` has it. '
-    "In cross-validation, stretches of the training are predicted from the others. A wrong robot file is fitted by all "
+    "In cross-validation, stretches of the training are predicted from the others; where a log is held out, estimators "
+    "that simulate or iterate over all samples take part only if they are best. A wrong robot file is fitted by all "
     "alike, and a wrong factor of all torques shows in no error: the verdict of `dynident identify` counts more."
 )
 CHANCE_NOTE = (

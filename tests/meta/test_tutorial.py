@@ -91,7 +91,8 @@ def remembered(compute: Callable[..., Identification]) -> Callable[..., Identifi
     known: dict[str, Identification] = {}
 
     def identified(*given: Any, **named: Any) -> Identification:
-        (text,) = (one.read_text(encoding="utf-8") for one in Path().glob("**/robot.yaml"))
+        (config,) = Path().glob("**/robot.yaml")
+        text = config.read_text(encoding="utf-8")
         if text not in known:
             known[text] = compute(*given, **named)
         return known[text]

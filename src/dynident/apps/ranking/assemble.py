@@ -128,7 +128,7 @@ class Fit(Noun):
     def _prior_strength(
         self, part: Estimator, problem: Problem, candidate: Candidate
     ) -> tuple[PriorStrength | None, float]:
-        """Return the strength of the prior, and the seconds it took: it is the same for all that fit like rows."""
+        """Return the strength of the prior, and the seconds it took; it is found once for each quick fit."""
         if not isinstance(part, PhysicallyConsistent):
             return None, 0.0
 
@@ -136,8 +136,10 @@ class Fit(Noun):
             began = time.perf_counter()
             return find_prior_strength(self.task.model, problem.motions, part), time.perf_counter() - began
 
-        like = part if part.fit is None else replace(part, fit=part.fit.quick())
-        return _STRENGTH_CACHE((self.task.digest, pack_masks(self.common.masks), candidate.settings, repr(like)), find)
+        # the strength is that of the quick fit, which most estimators share
+        quick_part = part if part.fit is None else replace(part, fit=part.fit.quick())
+        samples = self.task.digest, pack_masks(self.common.masks), candidate.settings
+        return _STRENGTH_CACHE((*samples, repr(quick_part)), find)
 
     def _cross_validation_columns(
         self, motions: Mapping[str, Motion], part: Estimator, time_offset: float

@@ -175,9 +175,9 @@ def _compute_rows(task: Task, parts: Parts, table: Path | None, options: JobOpti
         # the best one must stand in cross-validation, whatever that takes
         best = min(rows, key=lambda job: held_out_error(task, fit.common, rows[job]), default=None)
         if best is not None and not best.cross_validate:
-            crossed = replace(best, digest=_text_digest(best.digest, "cross-validated"), cross_validate=True)
-            best_row, added = _fit_rows(store, fit, [crossed], options)
-            rows, computed = rows | {best: best_row[crossed]}, computed + added
+            complete_job = replace(best, digest=_text_digest(best.digest, "cross-validated"), cross_validate=True)
+            best_row, added = _fit_rows(store, fit, [complete_job], options)
+            rows, computed = rows | {best: best_row[complete_job]}, computed + added
     fits = {(job.smoother, job.estimator): row for job, row in rows.items()}
     return ComparisonRows(smoothers, estimators, smoother_rows, fits, fit.common, computed)
 

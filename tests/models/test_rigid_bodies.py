@@ -241,9 +241,9 @@ def test_neither_pinocchio_nor_sympy_is_needed():
 def test_bodies_under_another_gravity_share_their_tree():
     one = RigidBodies(ARM)
     other = one.with_gravity((1.0, 2.0, 3.0))
-    assert other._recursion.tree is one._recursion.tree
+    assert other.recursion.tree is one.recursion.tree
     moved = one.with_displacement("rail", (0.1,) * 9)
-    assert moved._recursion.layout is one._recursion.layout
+    assert moved.recursion.layout is one.recursion.layout
     assert moved.parameters == one.parameters
 
 

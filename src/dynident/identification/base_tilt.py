@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from dynident.estimators import Estimator, Problem
 from dynident.estimators.least_squares import solve_least_squares
@@ -105,7 +105,8 @@ def find_base_tilt(
         (x, y), std, error = _search_tilt(model, trial_motions, estimator, selection, mounting)
         if max(abs(x - mounting[0]), abs(y - mounting[1])) <= MAX_TILT:
             return BaseTilt(x, y, std, error(0.0, 0.0), error(x, y))
-    linear = _TiltGain.linearise(model, trial_motions, selection, (0.0, 0.0))
+    level_folds = factors_by_fold(model, trial_motions, FOLDS, selection, spread_fold_numbers)
+    linear = _TiltGain.linearise(model, trial_motions, selection, level_folds, (0.0, 0.0))
     # A linear estimate costs one fit; the search below costs many and is not worth it where nothing can be gained.
     if linear.gain.share < 0.5 * MIN_GAIN:
         dx, dy = linear.find_std().tolist()
@@ -118,7 +119,7 @@ def find_base_tilt(
     level = BaseTilt(0.0, 0.0, std, before, before)
     if not (x or y):  # a tilt that the motion does not excite
         return level
-    gain = _TiltGain.linearise(model, trial_motions, selection, (x, y)).gain
+    gain = _TiltGain.linearise(model, trial_motions, selection, level_folds, (x, y)).gain
     if not (gain.sure and gain.share > MIN_GAIN):
         return replace(level, gain=gain)
     if max(abs(x), abs(y)) > MAX_TILT:
@@ -187,26 +188,27 @@ class _TiltGain:
 
     @classmethod
     def linearise(
-        cls, model: Model, motions: tuple[Motion, ...], selection: Selection, tilt: tuple[float, float]
-    ) -> _TiltGain:
-        """Linearise at a tilt, with the least-squares parameters there.
+        cls, model: Model, motions: tuple[Motion, ...], selection: Selection, level_folds: Sequence[TriangularFactors],
+        tilt: tuple[float, float],
+    ) -> _TiltGain:  # fmt: skip
+        """Linearise at a tilt, with the least-squares parameters there; ``level_folds`` are those of the level base.
 
         Each fold finds its own tilt. Parameters are restricted to the directions that a level base determines: others
         would be fitted to noise as long as the tilt is small.
         """
         tilted_model = tilt_base(model, *tilt)
-        folds = [tuple(_keep_spread_fold(motion, k) for motion in motions) for k in range(FOLDS)]
-        level = factors_by_fold(model, motions, FOLDS, selection, _keep_spread_fold)
-        directions = rank_of(merge_factors(level).stack(), model.parameters).determined_directions
+        directions = rank_of(merge_factors(level_folds).stack(), model.parameters).determined_directions
         regression = Regression(tilted_model, motions, selection.unfiltered)
         projected = _project_factors(regression.triangular_factors, directions)
         value = directions @ solve_least_squares(projected.stack()).value
         # The tilt adds two columns, so that all folds are judged from triangular factors without another fit.
         slopes = [tilt_slopes(model, motion, value, tilt) for motion in motions]
-        level = [_project_factors(fold_factors, directions) for fold_factors in level]
-        tilted = [
-            _project_factors(_append_columns(tilted_model, fold, slopes, selection), directions) for fold in folds
-        ]
+        columns = [np.moveaxis(slope, 0, 2) for slope in slopes]
+        tilted_folds = factors_by_fold(tilted_model, motions, FOLDS, selection, spread_fold_numbers, columns)
+        level, tilted = (
+            [_project_factors(fold_factors, directions) for fold_factors in folds]
+            for folds in (level_folds, tilted_folds)
+        )
         gain = gain_from_errors(prediction_errors(level, level), prediction_errors(tilted, tilted))
         merged_tilted, merged_level = merge_factors(tilted), merge_factors(level)
         best = solve_least_squares(merged_tilted.stack()).value[directions.shape[1] :] + tilt
@@ -244,17 +246,18 @@ def _project_factors(triangular: TriangularFactors, directions: Array) -> Triang
     return TriangularFactors(np.asarray(np.linalg.qr(triangular.factors @ projection, mode="r")), triangular.rows)
 
 
-def _keep_spread_fold(motion: Motion, k: int, folds: int = FOLDS) -> Motion:
-    """Return the motion with only the stretches of fold k in the mask, with gaps between them.
+def spread_fold_numbers(motion: Motion, folds: int) -> NDArray[np.intp]:
+    """Return the fold of each sample (N), -1 for none.
 
-    A fold has several stretches, spread evenly, so that the remaining ones excite the same parameters.
+    A fold has several stretches, spread evenly, so that the remaining ones excite the same parameters. There are gaps
+    between them.
     """
-    mask = np.zeros(len(motion), dtype=bool)
+    numbers = np.full(len(motion), -1)
     # Whole stretches with cut ends: samples next to a border share smoothing errors with the neighbouring fold.
-    for rows in np.array_split(np.flatnonzero(motion.mask), folds * STRETCHES_PER_FOLD)[k::folds]:
+    for k, rows in enumerate(np.array_split(np.flatnonzero(motion.mask), folds * STRETCHES_PER_FOLD)):
         edge = int(EDGE_SHARE * len(rows))
-        mask[rows[edge : len(rows) - edge]] = True
-    return replace(motion, mask=mask)
+        numbers[rows[edge : len(rows) - edge]] = k % folds
+    return numbers
 
 
 def tilt_slopes(model: Model, motion: Motion, value: Array, tilt: tuple[float, float] = (0.0, 0.0)) -> Array:
@@ -265,31 +268,6 @@ def tilt_slopes(model: Model, motion: Motion, value: Array, tilt: tuple[float, f
         for step in START_TILT * np.eye(2)
     ]
     return np.array([(forward - backward) / (2 * START_TILT) for forward, backward in ends])
-
-
-def _append_columns(
-    model: Model, motions: Sequence[Motion], slopes: Sequence[Array], selection: Selection
-) -> TriangularFactors:
-    """Return the factors of the regression with two more columns, the ``slopes`` of the torque."""
-    structure = model.structure.append_columns(2)
-    column_regressions = [
-        Regression(
-            model, tuple(replace(m, tau=s[k]) for m, s in zip(motions, slopes, strict=True)), selection.unfiltered
-        )
-        for k in range(2)
-    ]
-
-    def blocks() -> Iterator[EntryBlock]:
-        # Rows of different joints are interleaved by part of the structure; the new columns follow each part.
-        model_blocks = Regression(model, tuple(motions), selection.unfiltered).entries()
-        for block, x, y in zip(model_blocks, *(regression.entries() for regression in column_regressions), strict=True):
-            rows = [
-                np.concatenate((block.entries[part], x.tau[[j]], y.tau[[j]]))
-                for j, part in enumerate(block.structure.parts)
-            ]
-            yield EntryBlock(structure, np.concatenate(rows), block.tau, block.keep)
-
-    return factorise(blocks(), structure)
 
 
 def _term_gravity(model: Model) -> Array:

@@ -10,11 +10,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.estimators.least_squares import solve_least_squares
 from dynident.models import Model, Parameter
 from dynident.motion.log import Log, Motion, spread_pieces, thin_motions
 from dynident.motion.smoothers import Smoother, TimeShifted, smooth_log, strip_time_offset
-from dynident.regression import EVERYTHING, Regression, Selection, TriangularFactors, factorise, fitted_mask, rank_of
+from dynident.regression import (
+    EVERYTHING,
+    EntryBlock,
+    Regression,
+    Selection,
+    TriangularFactors,
+    factorise,
+    fitted_mask,
+    precision,
+    rank_of,
+)
 from dynident.runtime import ConfigError, InputError, Step, brief, part_text, percent, report_progress, short
 from dynident.runtime.arrays import Array
 from dynident.runtime.jobs import run_jobs
@@ -100,20 +109,31 @@ def prediction_errors(
     weights = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0) if relative else None
     # Factors of the other folds merge by stacking, so that leaving a fold out needs no pass over the samples.
     stacked = np.stack([fold.stack(weights) for fold in train_folds])
-    rows = np.array([fold.total for fold in train_folds])
-    errors = []
-    for k, fold in enumerate(test_folds):
-        factor = TriangularFactors(np.delete(stacked, k, axis=0), np.delete(rows, k)).stack()
-        errors.append(fold.residual(solve_least_squares(factor, rank_of(factor, parameters)).value))
-    return np.stack(errors)
+    # What no fold determines is left out at once, so that there are fewer columns in what follows.
+    directions = rank_of(np.linalg.qr(np.concatenate(stacked), mode="r"), parameters).determined_directions
+    r = directions.shape[1]
+    along = np.concatenate([stacked[:, :, :-1] @ directions, stacked[:, :, -1:]], axis=2)
+    reduced = np.linalg.qr(along, mode="r")
+    others = np.stack([np.concatenate(np.delete(reduced, k, axis=0)) for k in range(len(reduced))])
+    factors = np.linalg.qr(others, mode="r")
+    # least squares of least norm, without what the other folds do not determine
+    U, s, Vt = np.linalg.svd(factors[:, :r, :r])
+    inverse = np.divide(1.0, s, out=np.zeros_like(s), where=s > precision(parameters) * s[:, :1])
+    values = directions @ np.einsum("kji,kj,klj,kl->ik", Vt, inverse, U, factors[:, :r, r], optimize=True)
+    return np.stack([fold.residual(value) for fold, value in zip(test_folds, values.T, strict=True)])
+
+
+def fold_numbers(motion: Motion, folds: int) -> NDArray[np.intp]:
+    """Return the fold of each sample (N): equal shares of the usable ones, in order of time; -1 for all others."""
+    numbers = np.full(len(motion), -1)
+    for k, rows in enumerate(np.array_split(np.flatnonzero(motion.mask), folds)):
+        numbers[rows] = k
+    return numbers
 
 
 def keep_fold(motion: Motion, k: int, folds: int) -> Motion:
     """Return the motion with only the k-th of ``folds`` equal shares of its usable samples in the mask."""
-    rows = np.array_split(np.flatnonzero(motion.mask), folds)[k]
-    mask = np.zeros(len(motion), dtype=bool)
-    mask[rows] = True
-    return replace(motion, mask=mask)
+    return replace(motion, mask=fold_numbers(motion, folds) == k)
 
 
 def factors_by_fold(
@@ -121,11 +141,24 @@ def factors_by_fold(
     motions: Sequence[Motion],
     folds: int = FOLDS,
     selection: Selection = EVERYTHING,
-    select: Callable[[Motion, int, int], Motion] = keep_fold,
+    number_samples: Callable[[Motion, int], NDArray[np.intp]] = fold_numbers,
+    extra_torques: Sequence[Array] = (),
 ) -> list[TriangularFactors]:
-    """Return the triangular factors of the torque equations in each of ``folds`` parts of the motions."""
-    parts = [tuple(select(motion, k, folds) for motion in motions) for k in range(folds)]
-    return [factorise(Regression(model, fold, selection.unfiltered).entries(), model.structure) for fold in parts]
+    """Return the triangular factors of the torque equations in each of ``folds`` parts of the motions.
+
+    ``number_samples`` returns the fold of each sample, as ``fold_numbers`` does. ``extra_torques`` holds other torques
+    (N, n, k) of each motion, which become columns after all others.
+    """
+    numbers = [number_samples(motion, folds) for motion in motions]
+    structure = model.structure.append_columns(extra_torques[0].shape[2]) if extra_torques else model.structure
+    parts: list[list[EntryBlock]] = [[] for _ in range(folds)]
+    # The entries of all folds are computed together: a fold of many short stretches takes long by itself.
+    regression = Regression(model, tuple(motions), selection.unfiltered)
+    for k, rows, block in regression.placed_blocks(model.structure, extra_torques=extra_torques):
+        for fold in np.unique(numbers[k][rows]):
+            if fold >= 0:
+                parts[fold].append(block.take(numbers[k][rows] == fold))
+    return [factorise(part, structure) for part in parts]
 
 
 MAX_SAMPLES, PIECES_PER_LOG = 40_000, 5  # of all logs together, and of each of them, that are smoothed to choose
@@ -229,14 +262,19 @@ def choose_by_joint(
     excerpt_logs = cut_excerpts(logs)
     all_motions = [_motions(candidate, excerpt_logs, motion_cache) for candidate in choice.candidates]
     masks = _common_masks(all_motions, 10 * folds)
+    all_motions = [
+        tuple(replace(motion, mask=mask) for motion, mask in zip(motions, masks, strict=True))
+        for motions in all_motions
+    ]
+    if not model.memory:  # what friction remembers needs all samples, of the joints together
+        all_motions = [thin_motions(motions, JOINT_SAMPLES) for motions in all_motions]
 
     def errors(index: Sequence[int]) -> Array:
         """Return the squared errors (folds, n) with the candidate of each joint, by its index."""
-        motions = [
-            _mix_joints([candidate[k] for candidate in all_motions], index, mask) for k, mask in enumerate(masks)
-        ]
-        thin = thin_motions([model.remembering(motion) for motion in motions], JOINT_SAMPLES)
-        return left_out_errors(model, thin, folds=folds)
+        motions = [_mix_joints(motions_of_log, index) for motions_of_log in zip(*all_motions, strict=True)]
+        if model.memory:
+            motions = list(thin_motions([model.remembering(motion) for motion in motions], JOINT_SAMPLES))
+        return left_out_errors(model, motions, folds=folds)
 
     index = [choice.candidates.index(choice.smoother)] * len(model.joints)
     best = errors(index)
@@ -267,13 +305,13 @@ def _differ_by_factor(candidates: Sequence[Any], factors: Sequence[object]) -> b
     return all(replace(candidate, factor=factors[0]) == candidates[0] for candidate in candidates)
 
 
-def _mix_joints(candidates: Sequence[Motion], index: Sequence[int], mask: NDArray[np.bool_]) -> Motion:
+def _mix_joints(candidates: Sequence[Motion], index: Sequence[int]) -> Motion:
     """Return the motion of which each joint is that of its candidate."""
     q, dq, ddq = (
         np.stack([getattr(candidates[i], name)[:, j] for j, i in enumerate(index)], axis=1)
         for name in ("q", "dq", "ddq")
     )
-    return replace(candidates[index[0]], q=q, dq=dq, ddq=ddq, mask=mask, memory=None)
+    return replace(candidates[index[0]], q=q, dq=dq, ddq=ddq, memory=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,11 +392,7 @@ def cut_excerpts(logs: Sequence[Log]) -> list[Log]:
 
 def cross_validated_error(model: Model, motions: Sequence[Motion], folds: int = 5) -> float:
     """Return the relative torque error (%) of stretches of time predicted from the others, from triangular factors."""
-    # One regression per fold; folds are merged from factors without another pass over the samples.
-    parts = [
-        Regression(model, tuple(keep_fold(motion, k, folds) for motion in motions)).triangular_factors
-        for k in range(folds)
-    ]
+    parts = factors_by_fold(model, motions, folds)
     total = sum(float(np.square(part.factors[:, :, -1]).sum()) for part in parts)
     squared_error = prediction_errors(parts, parts, model.parameters, relative=False).sum()
     return 100.0 * float(np.sqrt(squared_error / total)) if total > 0 else float("nan")

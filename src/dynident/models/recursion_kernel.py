@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from ctypes import c_int64, c_void_p
 from functools import cached_property, lru_cache
 from typing import Any
@@ -26,6 +27,7 @@ SIGNATURES = {
     "mass": (*STATES, *[c_void_p] * 3, c_int64, c_void_p),
     "partials": (*STATES, c_void_p, c_void_p, c_int64, c_void_p),
     "weighted": (*STATES, c_void_p, c_void_p, c_int64, c_void_p, c_int64, c_void_p),
+    "steps": (*STATES[:3], *[c_void_p] * 3, c_int64, c_int64, *[c_void_p] * 4, c_int64, c_void_p, c_int64, c_void_p),
 }
 
 
@@ -114,6 +116,25 @@ class CompiledRecursion(Recursion):
         place[self.layout.parameter_bodies] = np.arange(0, width, 10)
         self._call("weighted", (q, dq, ddq), _address(place), _address(weights), width, _address(out), n)
         return out
+
+    def steps(
+        self, q: Array, dq: Array, ddq: Array, tau: Array, h: Array, theta: Array, others: Sequence[Array]
+    ) -> bool:
+        """Take the steps of ``Machine.step`` from the first of q, dq (S + 1, P, n) and from ddq (P, n), in place.
+
+        ``others`` are mass and bias of other terms, V, J and F; ``h`` (S) is in s. Return False where the mass matrix
+        is singular at a step.
+        """
+        call: Any = function("bodies_steps", *SIGNATURES["steps"], result=c_int64)
+        pieces, n, m, bodies = q.shape[1], q.shape[2], len(others[-1]), len(self.layout)
+        settings = np.concatenate([self.layout.offset, *map(np.ravel, others)])
+        work = np.zeros(
+            pieces * (n * (n + 3) + 3 * bodies) + n * (n + 1 + m) + m * (m + 2) + WORK_PER_BODY * (bodies + 1)
+        )
+        arguments = [_address(array) for array in (q, dq, ddq, np.ascontiguousarray(tau))]
+        sizes = pieces, _address(h), len(h), _address(work)
+        taken = call(*self._robot_arguments[1], _address(theta), _address(settings), n, m, *arguments, *sizes)
+        return bool(taken == len(h))
 
     def _call(self, name: str, states: tuple[Array, Array, Array], *arguments: Any, extra_work: int = 0) -> None:
         call: Any = function(f"bodies_{name}", *SIGNATURES[name])

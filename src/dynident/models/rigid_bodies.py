@@ -260,12 +260,12 @@ class RigidBodies(Term):
 
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return Y, shape (N, n, 10 n), for q, dq, ddq (N, n) in rad or m, per s and s^2."""
-        return self._recursion.regressor(_floats(q), _floats(dq), _floats(ddq))
+        return self.recursion.regressor(_floats(q), _floats(dq), _floats(ddq))
 
     @property
     def support(self) -> NDArray[np.bool_]:
         """Where Y can be other than zero, shape (n, 10 n)."""
-        return self._recursion.layout.support
+        return self.recursion.layout.support
 
     def entries(  # type: ignore[override] # it remembers nothing
         self, q: Array, dq: Array, ddq: Array, joint: NDArray[np.intp], parameter: NDArray[np.intp]
@@ -280,11 +280,11 @@ class RigidBodies(Term):
             raise ModelError(
                 f"{self.source}: joint or parameter is not an index of a regressor (N, {shape[0]}, {shape[1]})."
             )
-        return self._recursion.entries(_floats(q), _floats(dq), _floats(ddq), rows, columns)
+        return self.recursion.entries(_floats(q), _floats(dq), _floats(ddq), rows, columns)
 
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
         """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n), for any theta (10 n), physical or not."""
-        dynamics = self._recursion
+        dynamics = self.recursion
         states = _floats(q), _floats(dq), _floats(ddq)
         return Partials(*dynamics.partials(*states, dynamics.layout.expand_parameters(theta)))
 
@@ -295,21 +295,21 @@ class RigidBodies(Term):
         states, weights = (_floats(q), _floats(dq), _floats(ddq)), _floats(weights)
         if weights.shape != (shape := (len(states[0]), *self.support.shape)):
             raise ModelError(f"{self.source}: the weights have the shape {weights.shape}, expected {shape}.")
-        return self._recursion.weighted_gradient(*states, weights)
+        return self.recursion.weighted_gradient(*states, weights)
 
     def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
         """Return Y theta, shape (N, n), for any theta (10 n), physical or not."""
-        dynamics = self._recursion
+        dynamics = self.recursion
         return dynamics.torque(_floats(q), _floats(dq), _floats(ddq), dynamics.layout.expand_parameters(theta))
 
     def mass_and_bias(self, q: Array, dq: Array, theta: Array) -> tuple[Array, Array]:
         """Return the mass matrix (N, n, n) and the torque (N, n) without acceleration, for any theta (10 n)."""
-        dynamics = self._recursion
+        dynamics = self.recursion
         return dynamics.mass_and_bias(_floats(q), _floats(dq), dynamics.layout.expand_parameters(theta))
 
     def placements(self, q: Array) -> Placements:
         """Return where the bodies ``arm.bodies`` are at positions q (N, n), in the frame of the root link."""
-        return placements(self._recursion.tree, self.arm.bodies[0].placement[:3, 3], _floats(q))
+        return placements(self.recursion.tree, self.arm.bodies[0].placement[:3, 3], _floats(q))
 
     def with_gravity(self, gravity: tuple[float, ...]) -> RigidBodies:
         """Return the bodies under another gravity (3), m/s^2."""
@@ -331,7 +331,8 @@ class RigidBodies(Term):
         return _assemble_file(self.xml, self.source, self.joints_used, tuple(self.locked))
 
     @cached_property
-    def _recursion(self) -> Recursion:
+    def recursion(self) -> Recursion:
+        """The dynamics, by the kernel where there is one."""
         layout = _layout(self._undisplaced_arm)  # displaced joints do not change it
         tree = Tree.of(self.arm, layout) if self.displacements else _tree(self.arm, layout)
         return make_recursion(tree, np.array(self.gravity))

@@ -52,6 +52,11 @@ class EntryBlock(Noun):
         """Which rows (n, B) to use."""
         return np.ones(self.tau.shape, dtype=bool) if self.keep is None else self.keep
 
+    def take(self, samples: NDArray[np.bool_]) -> EntryBlock:
+        """Return the block with these of its samples (B) only."""
+        keep = None if self.keep is None else self.keep[:, samples]
+        return EntryBlock(self.structure, self.entries[:, samples], self.tau[:, samples], keep)
+
     def scale_rows(self, weight: Array) -> EntryBlock:
         """Return the block with each row multiplied by its weight (n, B)."""
         return EntryBlock(self.structure, self.entries * weight[self.structure.joint], self.tau * weight, self.keep)

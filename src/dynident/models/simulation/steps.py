@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import zip_longest
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -199,17 +200,14 @@ def integrate_arrays(machine: Machine, motion: Motion, rows: NDArray[np.intp], c
     q[0], dq[0] = motion.q[rows[:, 0]], motion.dq[rows[:, 0]]
     drive = None if controller is None else _Drive(controller, motion, rows[0])
     tau = held_torques(motion, rows) if drive is None else np.full((rows.shape[1], 1, q.shape[2]), np.nan)
-    ddq = np.zeros_like(q[0])
-    for s, k in enumerate(begins.tolist()):
-        if k >= 0:
-            # at a sample the torque changes, and the run ends where it is over or has diverged
-            if drive is not None:
-                tau[k, 0] = drive(k, q[s, 0])
-            if s == len(h) or not (np.abs(q[s]) < MAX_POSITION).all():
-                break
-            applied = tau[k]
-        q[s + 1], dq[s + 1] = machine.step(q[s], dq[s], ddq, applied, float(h[s]))
-        ddq = (dq[s + 1] - dq[s]) / h[s]
+    ddq, samples = np.zeros_like(q[0]), np.flatnonzero(begins >= 0).tolist()
+    for k, (start, stop) in enumerate(zip_longest(samples, samples[1:])):
+        # at a sample the torque changes, and the run ends where it is over or has diverged
+        if drive is not None:
+            tau[k, 0] = drive(k, q[start, 0])
+        if stop is None or not (np.abs(q[start]) < MAX_POSITION).all():
+            break
+        machine.take_steps(q[start : stop + 1], dq[start : stop + 1], ddq, tau[k], h[start:stop])
     return Trace(h, begins, q, dq, tau, np.zeros((len(tau), 0)) if drive is None else np.array(drive.states))
 
 

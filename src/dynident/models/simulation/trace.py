@@ -11,6 +11,8 @@ from dynident.models.evaluation import motion_memory
 from dynident.models.friction import Offset
 from dynident.models.model import Model
 from dynident.models.motor import RotorInertia
+from dynident.models.recursion_kernel import MAX_ANGLE, CompiledRecursion
+from dynident.models.rigid_bodies import RigidBodies
 from dynident.motion.log import Controller, HasState, Motion
 from dynident.runtime import InputError, Noun, Statement, TaggedUnion, short
 from dynident.runtime.arrays import Array
@@ -223,6 +225,10 @@ class Machine:
         self.model, self.theta = _drop_zero_terms(model, remaining)
         self._varying, self._value, self._mass, self._bias = _split_constant_terms(self.model, self.theta)
         self._path = _MemoryTracker(model)
+        # the kernel takes the steps of rigid bodies whose friction is all separated
+        bodies = self._varying.terms[0]
+        recursion = bodies.recursion if isinstance(bodies, RigidBodies) and len(self._varying.terms) == 1 else None
+        self._compiled = recursion if isinstance(recursion, CompiledRecursion) else None
 
     def begin(self, motion: Motion, rows: NDArray[np.intp]) -> None:
         """Start from samples of a motion, with what it remembers there."""
@@ -242,6 +248,21 @@ class Machine:
         fast_dq = np.full_like(q, 1e3)
         Y = self.model.regressor(q, fast_dq, 0 * q, self._path.memory)[:, :, self.separated]
         return np.asarray(self.F * np.abs(np.einsum("bnm,mn->bm", Y, self.J)) / np.square(self.J).sum(axis=1))
+
+    def take_steps(self, q: Array, dq: Array, ddq: Array, tau: Array, h: Array) -> None:
+        """Take steps of h (S) s from the first of the states q and dq (S + 1, B, n), and of ddq (B, n), all in place.
+
+        Raises LinAlgError where the mass matrix is singular.
+        """
+        if self._compiled is not None and np.abs(q[0]).max() < MAX_ANGLE:
+            theta = self._compiled.layout.expand_parameters(self._value)
+            others = self._mass, self._bias, self.V, self.J, self.F
+            if not self._compiled.steps(q, dq, ddq, tau, h, theta, others):
+                raise np.linalg.LinAlgError("Singular matrix")
+            return
+        for s, seconds in enumerate(h.tolist()):
+            q[s + 1], dq[s + 1] = self.step(q[s], dq[s], ddq, tau, seconds)
+            ddq[:] = (dq[s + 1] - dq[s]) / seconds
 
     def step(self, q: Array, dq: Array, ddq: Array, tau: Array, h: float) -> tuple[Array, Array]:
         """Return q, dq after h s (B, n): position by halves around one step of the velocity."""

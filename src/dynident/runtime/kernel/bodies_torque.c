@@ -1,6 +1,8 @@
-/* The torque of rigid bodies, their mass matrix, the derivatives of the torque and those of sums of the regressor. */
+/* The torque of rigid bodies, their mass matrix, the derivatives of the torque and those of sums of the regressor, and
+   steps of a free simulation. */
 
 #include "bodies.h"
+#include <math.h>
 
 /* What a body, and all that it carries, holds about its origin: mass, first and second moment, momentum p, the moments
    U of velocity (columns), force and moment. */
@@ -272,4 +274,88 @@ EXPORTED void API(bodies_weighted)(const int64_t *tree, const double *fixed, int
             P->g = plus(P->g, plus(b[k].g, cross(M->d, b[k].e)));
         }
     }
+}
+
+/* Solve n equations, the rows of a (n, width) with their right sides behind, in place; 0 where they are singular. */
+static int solve(double *a, int64_t n, int64_t width) {
+    for (int64_t k = 0; k < n; k++) {
+        int64_t pivot = k;
+        for (int64_t i = k + 1; i < n; i++)
+            if (fabs(a[i * width + k]) > fabs(a[pivot * width + k])) pivot = i;
+        double *row = a + k * width, *best = a + pivot * width, top = best[k];
+        if (top == 0.0) return 0;
+        for (int64_t j = k; j < width; j++) {
+            double value = best[j] / top;
+            best[j] = row[j];
+            row[j] = value;
+        }
+        for (int64_t i = 0; i < n; i++)
+            for (int64_t j = k + 1; i != k && j < width; j++) a[i * width + j] -= a[i * width + k] * row[j];
+    }
+    return 1;
+}
+
+/* Impulses p (m), each at most h F, that stop sliding velocities v (m), which W (m, m) times p slows. */
+static void brake(const double *v, const double *W, double h, const double *F, double *p, int64_t m) {
+    for (int64_t i = 0; i < m; i++) p[i] = h * (v[i] > 0 ? F[i] : v[i] < 0 ? -F[i] : 0.0);
+    for (int round = 0, done = 0; round < 51 && !done; round++) { /* a look whether all keep sliding, then projected Gauss-Seidel */
+        done = 1;
+        for (int64_t i = 0; i < m; i++) {
+            double rest = v[i], limit = h * F[i];
+            for (int64_t j = 0; j < m; j++) rest -= W[i * m + j] * p[j];
+            double next = fmin(fmax(p[i] + rest / W[i * m + i], -limit), limit);
+            done &= round ? fabs(next - p[i]) <= 1e-9 * limit : rest * p[i] >= 0;
+            if (round) p[i] = next;
+        }
+    }
+}
+
+/* From the first of the states q, dq (steps + 1, P, n) and ddq (P, n) take steps of h s with the torque tau (P, n), as
+   models/simulation/trace.py does, and return how many succeeded. set: the offset of each body, mass and bias of other
+   terms, V, J (m, n) and F (m); work begins with zeros. */
+EXPORTED int64_t API(bodies_steps)(const int64_t *tree, const double *fixed, int64_t bodies, const double *gravity,
+                                   const double *theta, const double *set, int64_t n, int64_t m, double *q, double *dq,
+                                   double *ddq, const double *tau, int64_t pieces, const double *h, int64_t steps, double *work) {
+    const int64_t size = pieces * n, all_bodies = pieces * bodies, width = n + 1 + m;
+    const double *offset = set, *mass0 = offset + bodies, *bias0 = mass0 + n * n, *V = bias0 + n, *J = V + n * n, *F = J + m * n;
+    double *middle = work, *rate = middle + size, *bias = rate + size, *mass = bias + size, *body_q = mass + size * n;
+    double *body_dq = body_q + all_bodies, *still = body_dq + all_bodies, *a = still + all_bodies, *p = a + n * width;
+    double *slide = p + m, *W = slide + m, *rest = W + m * m;
+    for (int64_t s = 0; s < steps; s++, q += size, dq += size) {
+        for (int64_t i = 0; i < size; i++) middle[i] = q[i] + 0.5 * h[s] * dq[i], rate[i] = dq[i] + 0.5 * h[s] * ddq[i];
+        for (int64_t i = 0; i < all_bodies; i++) {
+            int64_t k = i % bodies, from = i / bodies * n + tree[3 * k + 2];
+            body_q[i] = middle[from] * fixed[FIXED * k + 33] + offset[k];
+            body_dq[i] = rate[from] * fixed[FIXED * k + 33];
+        }
+        API(bodies_mass)(tree, fixed, bodies, gravity, body_q, body_dq, still, pieces, theta, mass, bias, n, rest);
+        for (int64_t at = 0; at < size; at += n) {
+            /* the new velocity without dry friction, and how it answers to impulses along the rows of J */
+            for (int64_t i = 0; i < n; i++) {
+                double *row = a + i * width;
+                row[n] = tau[at + i] - bias[at + i] - bias0[i];
+                for (int64_t j = 0; j < n; j++) {
+                    row[j] = mass[(at + i) * n + j] + mass0[i * n + j] + 0.5 * h[s] * V[i * n + j];
+                    row[n] -= V[i * n + j] * dq[at + j];
+                }
+                for (int64_t c = 0; c < m; c++) row[n + 1 + c] = J[c * n + i];
+            }
+            if (!solve(a, n, width)) return s;
+            double *v = dq + size + at;
+            for (int64_t i = 0; i < n; i++) v[i] = dq[at + i] + h[s] * a[i * width + n];
+            memset(slide, 0, (size_t)(m + m * m) * sizeof(double));
+            for (int64_t c = 0; c < m; c++)
+                for (int64_t i = 0; i < n; i++) {
+                    slide[c] += J[c * n + i] * v[i];
+                    for (int64_t e = 0; e < m; e++) W[c * m + e] += J[c * n + i] * a[i * width + n + 1 + e];
+                }
+            brake(slide, W, h[s], F, p, m);
+            for (int64_t i = 0; i < n; i++) {
+                for (int64_t c = 0; c < m; c++) v[i] -= a[i * width + n + 1 + c] * p[c];
+                ddq[at + i] = (v[i] - dq[at + i]) / h[s];
+                q[size + at + i] = middle[at + i] + 0.5 * h[s] * v[i];
+            }
+        }
+    }
+    return steps;
 }

@@ -66,3 +66,18 @@ def test_the_stronger_the_prior_the_nearer_the_file() -> None:
     assert far[-1] < 0.1 * far[0]
     few = Problem(posed.model, posed.motions, Regression(posed.model, posed.motions))
     np.testing.assert_array_equal(AUTO(few).value, PhysicallyConsistent(strength=0.0)(few).value)
+
+
+def test_a_stronger_prior_is_tried_only_where_a_weaker_one_gains(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried, fit = set[object](), PhysicallyConsistent.__call__
+
+    def counted(self: PhysicallyConsistent, posed: Problem) -> object:
+        tried.add(self.strength)
+        return fit(self, posed)
+
+    monkeypatch.setattr(PhysicallyConsistent, "__call__", counted)
+    for file, expected in ((arm(2.0, off=0.8, seed=0), {0.0, 0.01}), (arm(off=0.25, seed=0), {0.0, 0.01, 0.1})):
+        slow = problem(file, speed=0.4, seed=0, samples=150, seconds=8.0)
+        tried.clear()
+        find_prior_strength(slow.model, slow.motions, AUTO)
+        assert tried == expected

@@ -69,8 +69,13 @@ def find_prior_strength(
 
     # The plain error is shared by all gains: without a prior, least squares with constraints.
     plain = errors(0.0)
-    errors_by_strength = {strength: errors(strength) for strength in STRENGTHS}
-    gains = {strength: gain_from_errors(plain, with_prior) for strength, with_prior in errors_by_strength.items()}
+    errors_by_strength, gains = dict[float, Array](), dict[float, Gain]()
+    for strength in STRENGTHS:
+        # gains grow at most in proportion to the strength: where even that would not suffice, no stronger one is tried
+        if any(gain.share * strength / weaker < MIN_GAIN for weaker, gain in gains.items()):
+            break
+        errors_by_strength[strength] = errors(strength)
+        gains[strength] = gain_from_errors(plain, errors_by_strength[strength])
     best = max(gains, key=lambda candidate: gains[candidate].share)
     # a single stretch, where the others excite little, is no evidence
     stretches = gains_by_stretch(plain, errors_by_strength[best])

@@ -76,8 +76,8 @@ def test_a_stronger_prior_is_tried_only_where_a_weaker_one_gains(monkeypatch: py
         return fit(self, posed)
 
     monkeypatch.setattr(PhysicallyConsistent, "__call__", counted)
-    for file, expected in ((arm(2.0, off=0.8, seed=0), {0.0, 0.01}), (arm(off=0.25, seed=0), {0.0, 0.01, 0.1})):
-        slow = problem(file, speed=0.4, seed=0, samples=150, seconds=8.0)
+    for off, expected in ((0.8, {0.0, 0.01}), (0.25, {0.0, 0.01, 0.1})):
+        slow = problem(arm(off=off, seed=0), seed=0, samples=150, seconds=8.0)
         tried.clear()
         find_prior_strength(slow.model, slow.motions, AUTO)
         assert tried == expected

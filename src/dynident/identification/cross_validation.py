@@ -15,12 +15,12 @@ from dynident.motion.log import Log, Motion, spread_pieces, thin_motions
 from dynident.motion.smoothers import Smoother, TimeShifted, smooth_log, strip_time_offset
 from dynident.regression import (
     EVERYTHING,
-    EntryBlock,
+    Reduction,
     Regression,
     Selection,
     TriangularFactors,
-    factorise,
     fitted_mask,
+    one_thread,
     precision,
     rank_of,
 )
@@ -151,14 +151,15 @@ def factors_by_fold(
     """
     numbers = [number_samples(motion, folds) for motion in motions]
     structure = model.structure.append_columns(extra_torques[0].shape[2]) if extra_torques else model.structure
-    parts: list[list[EntryBlock]] = [[] for _ in range(folds)]
-    # The entries of all folds are computed together: a fold of many short stretches takes long by itself.
+    parts = [Reduction(structure) for _ in range(folds)]
     regression = Regression(model, tuple(motions), selection.unfiltered)
-    for k, rows, block in regression.placed_blocks(model.structure, extra_torques=extra_torques):
-        for fold in np.unique(numbers[k][rows]):
-            if fold >= 0:
-                parts[fold].append(block.take(numbers[k][rows] == fold))
-    return [factorise(part, structure) for part in parts]
+    with one_thread():
+        # The entries of all folds are computed together: a fold of many short stretches takes long by itself.
+        for k, rows, block in regression.placed_blocks(model.structure, extra_torques=extra_torques):
+            for fold in np.unique(numbers[k][rows]):
+                if fold >= 0:
+                    parts[fold].add(block.take(numbers[k][rows] == fold))
+        return [part.factors() for part in parts]
 
 
 MAX_SAMPLES, PIECES_PER_LOG = 40_000, 5  # of all logs together, and of each of them, that are smoothed to choose

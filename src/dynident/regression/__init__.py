@@ -32,17 +32,15 @@ from dynident.regression.linear_problem import (
     fitted_mask,
     fitted_rows,
 )
+from dynident.regression.rank import Rank, precision, rank_of, rank_of_information
 from dynident.regression.triangular import (
     EntryBlock,
-    Rank,
+    Reduction,
     TriangularFactors,
     factorise,
     merge_factors,
     one_thread,
     pack_factors,
-    precision,
-    rank_of,
-    rank_of_information,
     unpack_factors,
 )
 from dynident.regression.whitening import (

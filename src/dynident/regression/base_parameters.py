@@ -15,16 +15,8 @@ from numpy.typing import ArrayLike
 
 from dynident.models import INERTIAL, Model, Parameter, motion_memory, random_states
 from dynident.motion.log import Motion
-from dynident.regression.triangular import (
-    EntryBlock,
-    Rank,
-    TriangularFactors,
-    factorise,
-    precision,
-    rank_of,
-    rank_of_information,
-    tied_groups,
-)
+from dynident.regression.rank import Rank, precision, rank_of, rank_of_information, tied_groups
+from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise
 from dynident.runtime import ModelError, Note, Noun, join_names
 from dynident.runtime.arrays import Array
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import yaml
 import dynident as dy
 from dynident.apps.excitation import LimitError
 from dynident.apps.excitation.robot import ExcitationProject
+from dynident.apps.excitation.run import refuse_targets
 from dynident.runtime import ConfigError
 from tests.apps.excitation.arms import TWO
 from tests.cli.commands import refuse, run, succeed
@@ -130,6 +132,14 @@ def test_a_configuration_changed_by_hand_is_not_replaced(designed: Path, tmp_pat
         *QUICK,
         says="would be replaced, but this run reads it",
     )
+
+
+def test_what_an_earlier_run_wrote_is_replaced_until_it_is_changed(designed: Path, tmp_path: Path) -> None:
+    out = Path(shutil.copytree(designed / "out", tmp_path / "out"))
+    refuse_targets(out)
+    (out / "identify.yaml").write_text((out / "identify.yaml").read_text() + "# mine\n")
+    with pytest.raises(ConfigError, match=r"identify\.yaml: was written or changed by hand"):
+        refuse_targets(out)
 
 
 def test_the_report_of_another_command_is_not_replaced(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from dynident.identification import Identification, SourceFile, Sources
 from dynident.project import project
 from dynident.project.config import fingerprint
 from dynident.project.saved import model_files
+from dynident.runtime.jobs import cluster
 from dynident.runtime.kernel import kernel
 from tests.cli.commands import configure, refuse, run, succeed, write_log
 from tests.project.test_explicit_config import write as configuration
@@ -305,3 +306,17 @@ class TestWriteConfig:
         words = "would be replaced, but this run reads it" if name == "robot.yaml" else "is no name of a configuration"
         assert words in done.output.replace("\n", " "), done.output
         assert {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before
+
+
+@pytest.mark.parametrize(("rule", "used"), [("constraint", False), ("torque", True)])
+def test_a_cluster_is_used_where_there_are_two_smoothers_to_try(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rule: str, used: bool
+) -> None:
+    monkeypatch.setattr("dynident.motion.smoothers.spline.NOISE_FACTORS", (1.0, 2.0))
+    monkeypatch.setattr(cluster, "ANSWER_SECONDS", 0.2)
+    write_log(tmp_path)
+    done = run(
+        "identify", configure(tmp_path, smoother={"kind": "spline", "rule": rule}), "--cluster", "tcp://127.0.0.1:1"
+    )
+    assert ("no Dask scheduler answers" in done.output) is used
+    assert ("--cluster was not used" in done.output) is not used

@@ -49,3 +49,20 @@ def test_a_signal_that_is_ignored_stays_so() -> None:
             os.kill(os.getpid(), signal.SIGHUP)
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGHUP", 129)])
+@pytest.mark.usefixtures("signals")
+def test_a_signal_that_would_kill_closes_what_is_open(name: str, code: int) -> None:
+    closed, number = [], getattr(signal, name)
+
+    def work() -> None:
+        try:
+            assert signal.getsignal(number) is not signal.SIG_DFL
+            os.kill(os.getpid(), number)
+        finally:
+            closed.append(name)
+
+    with pytest.raises(SystemExit) as stopped, interrupt.interruptible():
+        work()
+    assert (stopped.value.code, closed) == (code, [name])

@@ -77,6 +77,15 @@ def test_a_program_that_fails(
         robot_text(path)
 
 
+def test_a_program_may_take_the_memory_that_a_file_may(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside what it needs itself."""
+    program(tmp_path, monkeypatch, "x = bytearray(150_000_000)\nprint('<robot/>')")
+    monkeypatch.setenv("DYNIDENT_MEMORY", "0.1")
+    assert robot_text(path).strip() == "<robot/>"
+
+
 def test_a_result_runs_no_macros(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     program(path.parent, monkeypatch, "sys.exit('ran')")
     with pytest.raises(ModelError, match=r"a xacro file, which a result does not run; .*allow_code"):

@@ -104,6 +104,17 @@ def test_what_is_left_at_reversals_is_an_upper_limit_of_the_gain() -> None:
     assert step.speeds == pytest.approx((0.05 * np.sqrt(np.mean(dq**2)),), rel=0.01)
 
 
+def test_what_is_left_at_reversals_gains_no_more_than_its_excess() -> None:
+    """Half of the residual in the fifth of the time that the slider is slow: three tenths of it are not by chance."""
+    found = fitted(moved("train", late=0.008), moved("held", (2.4, 4.3), seed=1, late=0.008))
+    log = judged_log(found)
+    test = replace(log.residuals["slider"], reversal_share=0.5, slow_share=0.2)
+    errors = replace(log.errors, rmse={"slider": 2.0}, relative_error=10.0, sensor_noise={})
+    told = replace(log, errors=errors, residuals={"slider": test})
+    (step,) = of_kind(replace(found, validations=(found.validations[0], told)), SlowReversals)
+    assert step.gain == pytest.approx(10.0 * (1 - np.sqrt(0.7)))
+
+
 def test_motion_beyond_the_training_is_to_be_trained() -> None:
     """A model that lacks what only fast motion shows, here friction that grows with the square of the speed."""
 

@@ -146,6 +146,15 @@ def test_pieces_of_a_long_log_say_about_the_same(monkeypatch: pytest.MonkeyPatch
     np.testing.assert_allclose(np.sqrt(np.diag(pieces)), np.sqrt(np.diag(whole)), rtol=0.3)
 
 
+def test_each_stretch_of_a_long_log_is_looked_at() -> None:
+    """Also one that is far shorter than a piece."""
+    times = np.arange(20_000)
+    regression = Regression(MODEL, (motion(3, 0.8, 20_000, (times < 19_300) | (times >= 19_400)),))
+    starts = [int(np.flatnonzero(one.motions[0].mask)[0]) for one in hac.stretches_of(regression, 8000, 2000)]
+    assert len(starts) == 5
+    assert [start >= 19_400 for start in starts] == [False, False, False, False, True]
+
+
 def test_they_are_the_sandwich_of_the_scores() -> None:
     regression = Regression(MODEL, (motion(0, 0.9), motion(1, 0.9)), Selection(ParallelFilter(cutoff=20.0)))
     parts = divide_regression(regression, 100)

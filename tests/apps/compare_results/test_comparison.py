@@ -103,6 +103,23 @@ def test_what_the_other_does_not_determine_is_left_out() -> None:
     assert (nothing.base, nothing.comparable, nothing.p_value, nothing.differs) == ((), False, None, False)
 
 
+def test_of_a_single_parameter_chi_squared_is_that_of_its_z() -> None:
+    one, two = (
+        result(
+            [1.0, 2.0, 0.5, f],
+            combination=BASE[2:],
+            base_names=("f",),
+            base_units=("N m",),
+            covariance=np.array([[0.01]]),
+        )
+        for f in (0.3, 0.8)
+    )
+    found = compare_results(one, two)
+    assert [parameter.z for parameter in found.base] == [pytest.approx(0.5 / 0.02**0.5)]
+    assert (found.chi_squared, found.freedom) == (pytest.approx(12.5), 1)
+    assert found.p_value == pytest.approx(found.base[0].p_value)
+
+
 def test_errors_that_are_not_known() -> None:
     lost = COVARIANCE.copy()
     lost[2, 2] = np.inf

@@ -175,6 +175,21 @@ def test_a_stage_ends_where_another_way_ends():
     assert abs(value - ONE.at(aside, 2.0).value) < 0.3
 
 
+def test_a_stage_goes_down_a_narrow_valley_however_flat_it_is():
+    """To its bottom at zero, from little more than a thousandth above it."""
+    curvature = 1e-3 * np.array([1.0, 30.0, 1000.0])
+
+    def at(x, weight):
+        value = float((curvature * x**2).sum())
+        return SimpleNamespace(value=value, criterion=value, gradient=2 * curvature * x)
+
+    valley = SimpleNamespace(
+        at=at, unit=1e-9, barrier_curvature=lambda *_: np.eye(3)[None],
+        range_slack=lambda x: np.full(1, np.inf), constraint_values=lambda step: np.ones(1),
+    )  # fmt: skip
+    assert improve_motion(valley, np.array([[1.0, 0.1, 0.01]]), Stage(1.0, 30))[1] < 1e-9
+
+
 def test_the_executor_does_not_change_the_motion():
     alone = search(ONE, Plan(3, SHORT), np.random.default_rng(4))
     with ThreadPoolExecutor(2) as two:

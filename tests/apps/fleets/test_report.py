@@ -348,6 +348,13 @@ def test_a_page_of_5000_logs_stays_small_and_says_what_it_leaves_out(robots, log
         assert "of the first 300 robots" in page
 
 
+def test_types_share_the_room_for_robots_side_by_side():
+    made = fleet(60, 8)
+    names = made.types["ur10"]
+    page = own(fleet_page(replace(made, types={"ur10": names[:30], "ur5": names[30:]})))
+    assert "Drawn are 48 of 60 robots" in page
+
+
 def test_many_changes_are_counted_and_few_are_drawn():
     made = fleet(60, 8)
     some = [change(one, FRICTION, ChangeShape.STEP, 4, [1.0, 0.0]) for one in made.histories]

@@ -157,6 +157,13 @@ def test_noise_has_no_torque() -> None:
     assert torque is None
 
 
+@pytest.mark.parametrize("unit", [1e-4, 0.1])
+def test_the_smoothest_block_has_the_positions_whatever_the_unit_of_the_others(unit: float) -> None:
+    position, _ = match_by_shape(table(unit * BLOCKS["tau"], BLOCKS["q"]), JOINTS)
+    assert position is not None
+    assert list(position.columns.values()) == [str(k) for k in range(7, 13)]
+
+
 @pytest.mark.parametrize(("kind", "unit"), [("revolute", 180 / np.pi), ("prismatic", 1000.0)])
 def test_columns_within_a_tenth_more_than_the_range_can_be_positions(kind: str, unit: float) -> None:
     joints = [MovableJoint("a", kind, RobotJointLimits(lower=-1.0, upper=1.0))]

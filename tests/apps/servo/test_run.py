@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import json
 import sys
+from functools import partial
 
 import mujoco
+import numpy as np
 import polars as pl
 import pytest
 
 from dynident.apps.demo import TRUE_DELAY, TRUE_VALUES, servo_files
+from dynident.apps.demo.servo_arm import FILE_VALUES, KP, SERVO_JOINTS, servo_mjcf
+from dynident.apps.servo.run import nominal_values
+from dynident.project.drive_settings import ServoSettings
+from tests.apps.servo.arms import plant
 from tests.cli.commands import run
 
 
@@ -79,6 +85,24 @@ def test_the_demo_shows_how_far_it_is_from_the_truth(tmp_path) -> None:
     done = run("demo", "--servo", "--files", "--out", str(tmp_path / "arm"))
     assert done.exit_code == 0, done.output
     assert sorted(path.name for path in (tmp_path / "arm").iterdir()) == ["monday.csv", "servos.xml", "tuesday.csv"]
+
+
+def test_the_demo_drafts_identifies_and_compares_with_the_truth(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("dynident.apps.demo.servo_files", partial(servo_files, duration=6.0))
+    done = run("demo", "--servo", "--out", str(tmp_path / "arm"))
+    assert done.exit_code == 0, done.output
+    assert "kp: 17.8, limit: 3.35" in (tmp_path / "arm" / "servos.yaml").read_text()
+    shown = " ".join(done.output.split())
+    assert "servos: good for simulation" in shown
+    assert float(shown.partition("dry friction are at most ")[2].split()[0]) < 2.0  # %
+
+
+def test_a_kp_of_zero_in_the_file_is_none() -> None:
+    """So that it is sought, as where the actuator says nothing of it."""
+    servo = {"command": {"column": "x", "unit": "rad"}, "kp": "estimate"}
+    settings = ServoSettings.model_validate({"kind": "servo", "joints": dict.fromkeys(SERVO_JOINTS, servo)})
+    text = servo_mjcf(FILE_VALUES).replace(f'joint="elbow" kp="{KP}"', 'joint="elbow" kp="0"')
+    np.testing.assert_array_equal(nominal_values(plant(text), settings).kp, [KP, KP, np.nan])
 
 
 def test_positions_before_their_commands_are_a_warning(folder, monkeypatch) -> None:

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from dynident.identification.terms.candidates import TermTrial, TrialOutcome, library_kinds
-from dynident.identification.terms.search import JointSearch, TermEntry, TermGroup, _TrialResult, gain_share
+from dynident.identification.terms.search import (
+    JointSearch,
+    SearchFolds,
+    TermEntry,
+    TermGroup,
+    _TrialResult,
+    gain_share,
+)
 from dynident.models import Joint
 from dynident.models.friction import Coulomb
 
@@ -90,3 +97,15 @@ def test_gains_are_shares_of_the_error_before_with_the_error_of_their_sum() -> N
     )
     assert gain_share(np.array([3.0]), np.array([4.0])) == (75.0, 0.0)
     assert gain_share(EVEN, 0 * EVEN) == (0.0, 0.0)
+
+
+def test_no_fit_is_judged_by_what_it_has_seen() -> None:
+    """In all folds but that of all samples, each class of a block is for the fit, or for the test, or for none."""
+    division = SearchFolds.of(np.array([0, 0, 1, 1, 1]))
+    for folds in (division.blocks, division.faster, division.further, division.logs):
+        assert folds is not None
+        assert ((folds.train == 0) | (folds.train == 1)).all()
+        assert ((folds.test == 0) | (folds.test == 1)).all()
+        assert (folds.train * folds.test == 0).all()
+        assert folds.train.any(axis=(1, 2)).all()
+        assert folds.test.any(axis=(1, 2)).all()

@@ -53,6 +53,14 @@ def test_butterworth_refuses_a_cutoff_above_half_the_rate() -> None:
         Butterworth()(log(h=0.05))
 
 
+def test_butterworth_takes_what_is_longer_than_the_padding_of_its_filters() -> None:
+    """Three times the order, and a sample more to extend from."""
+    smoother = Butterworth(orders=(1, 2, 4), cutoffs=(50.0, 50.0, 50.0), settle=(0.0, 0.0))
+    assert np.isfinite(smoother(log(14)).ddq).all()
+    with pytest.raises(InputError, match="made: 13 samples are too few for a filter of order 4"):
+        smoother(log(13))
+
+
 def test_forward_differences_as_printed() -> None:
     """Eqs. (47)-(48), with the two last samples masked."""
     made, data = Difference()(log()), log().q

@@ -123,7 +123,7 @@ class ParallelFilter:
         sections = self.sections(motion)
         series: dict[str, Any] = {name: getattr(motion, name).copy() for name in channels}
         for part in stretches(motion.mask):
-            for x in series.values() if part.stop - part.start > 1 else ():
+            for x in series.values():
                 x[part] = self.apply(sections, x[part])
         for x in series.values():
             mark_read_only(x)

@@ -7,16 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dynident.apps.excitation import Criterion
-from dynident.apps.excitation import search as polish
+from dynident.apps.excitation import Criterion, polish
+from dynident.apps.excitation import search as searching
 from dynident.apps.excitation.interior import GridReserve, Interior
 from dynident.apps.excitation.search import (
     STAGES,
     Plan,
     Stage,
     improve_motion,
-    is_small_enough,
-    polish_motion,
     random_motion,
     search,
 )
@@ -251,41 +249,19 @@ def test_a_start_beyond_the_limits_is_refused():
 TIGHT_TORQUE = interior(limits=replace(LIMITS, torque=np.array([11.0, 3.5])))
 
 
-def test_it_goes_on_where_the_barrier_ends_and_keeps_to_the_limits():
-    x, before = improve_motion(TIGHT_TORQUE, random_motion(TIGHT_TORQUE, np.random.default_rng(0)), Stage(0.1, 20))
-    better, after = polish_motion(TIGHT_TORQUE, x, 15)
-    assert after < before - 0.5
-    assert TIGHT_TORQUE.is_inside(better)
-    assert after == pytest.approx(TIGHT_TORQUE.at(better, 0.0).criterion)
-
-
 def test_a_step_beyond_the_barrier_is_shortened():
     def at(x, weight):
         return None if x > 0.3 else SimpleNamespace(value=(x - 1.0) ** 2, gradient=2.0 * (x - 1.0))
 
     edge = SimpleNamespace(at=at, range_slack=lambda x: np.full(1, np.inf), constraint_values=lambda step: step)
-    x, _ = polish._line_search(edge, np.zeros(1), np.ones(1), at(np.zeros(1), 0.0), 0.0)
+    x, _ = searching._line_search(edge, np.zeros(1), np.ones(1), at(np.zeros(1), 0.0), 0.0)
     assert x == 0.25
 
 
-def test_without_a_better_motion_it_gives_the_one_it_began_with(monkeypatch):
-    monkeypatch.setattr(polish, "EXCESS", -1.0)  # no iterate is good enough
-    x = random_motion(TIGHT_TORQUE, np.random.default_rng(0))
-    np.testing.assert_array_equal(polish_motion(TIGHT_TORQUE, x, 2)[0], x)
-
-
-def test_the_slopes_of_the_constraints_are_theirs():
-    rng = np.random.default_rng(1)
-    x = random_motion(TIGHT_TORQUE, rng)
-    step = 1e-6 * rng.normal(size=x.shape)
-    found = (polish._limit_slacks(TIGHT_TORQUE, x + step) - polish._limit_slacks(TIGHT_TORQUE, x - step)) / 2
-    np.testing.assert_allclose(polish._slack_jacobian(TIGHT_TORQUE, x) @ step.ravel(), found, atol=1e-9)
-
-
 def test_large_problems_keep_to_the_barrier(monkeypatch):
-    assert is_small_enough(TIGHT_TORQUE)
+    assert polish.is_small_enough(TIGHT_TORQUE)
     monkeypatch.setattr(polish, "MAX_JACOBIAN_SIZE", 10)
-    assert not is_small_enough(TIGHT_TORQUE)
+    assert not polish.is_small_enough(TIGHT_TORQUE)
     monkeypatch.setattr("dynident.apps.excitation.search.LARGE_PROBLEM_STAGES", (Stage(0.1, 4),))
     monkeypatch.setattr("dynident.apps.excitation.search.polish_motion", pytest.fail)
     found = search(TIGHT_TORQUE, Plan(1, (Stage(1.0, 4), Stage(0.0, 4))), np.random.default_rng(0))

@@ -2,7 +2,7 @@
 
 The steps are those of L-BFGS (Nocedal and Wright 2006, "Numerical optimization", sec. 7.2), from the
 curvature of the limits on each joint, and end before any limit: every iterate keeps to all of them. Of
-several random starts the better half goes on from stage to stage. The last stage polishes small problems by SQP.
+several random starts the better half goes on from stage to stage. The last stage polishes small problems.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 
 from dynident.apps.excitation.criterion import Criterion, InformationCriterion
 from dynident.apps.excitation.interior import BarrierPoint, Interior
+from dynident.apps.excitation.polish import is_small_enough, polish_motion
 from dynident.regression import one_thread
 from dynident.runtime import ConfigError, InputError, Noun, Step, report_progress
 from dynident.runtime.arrays import Array
@@ -27,9 +28,6 @@ POSE_TRIALS = 20  # that are tried
 SHRINK_FACTOR = 0.8
 MIN_SIZE = 1e-3  # of the limits: a motion this small is none
 SIZE_SHARE = 0.95  # of the largest size that keeps to the limits
-MAX_JACOBIAN_SIZE = 1_500_000  # entries of the constraints' derivatives: with more, a step takes too long
-CONSTRAINT_RESERVE = 1e-3  # of each limit, that the iterates leave
-EXCESS = 0.02  # that a motion may exceed a limit by to be made smaller
 HISTORY_LENGTH = 20  # pairs of L-BFGS
 CENTRE_WEIGHT = 5.0  # weight of the curvature at the middle of the limits
 MIN_GAIN, PATIENCE = 1e-4, 10  # of the criterion; steps: less than this gained in so many ends a stage
@@ -86,79 +84,6 @@ def _shrink_to_feasible(interior: Interior, centre: Array, candidate: Array) -> 
     return centre + SIZE_SHARE * feasible_size * (candidate - centre)
 
 
-def is_small_enough(interior: Interior) -> bool:
-    """Return whether the problem is small enough for this method."""
-    # entries of the dense Jacobian of all constraints
-    n, K = len(interior.limits.joints), interior.family.size
-    rows = sum(len(rows) for rows in interior.guard.rows) + len(interior.grid)
-    return (2 * n * rows + len(interior.grid) * len(interior.space.pairs)) * n * K <= MAX_JACOBIAN_SIZE
-
-
-def polish_motion(interior: Interior, x: Array, steps: int) -> tuple[Array, float]:
-    """Return the best motion (n, K) within ``steps`` from one that keeps to the limits, and its criterion."""
-    from scipy.optimize import minimize
-
-    best = [(x, _motion_criterion(interior, x))]
-
-    def keep_best(flat: Array) -> None:
-        candidate = flat.reshape(x.shape)
-        # iterates of SQP may leave the limits a little: keep those that fit once made smaller
-        if _limit_slacks(interior, candidate).min() > -EXCESS and (shrunk := interior.shrink(candidate)) is not None:
-            value = _motion_criterion(interior, shrunk)
-            if value < best[0][1]:
-                best[0] = shrunk, value
-
-    minimize(
-        lambda flat: _criterion_and_gradient(interior, flat.reshape(x.shape)),
-        x.ravel(),
-        jac=True,
-        method="SLSQP",
-        constraints={
-            "type": "ineq",
-            "fun": lambda flat: _limit_slacks(interior, flat.reshape(x.shape)) - CONSTRAINT_RESERVE,
-            "jac": lambda flat: _slack_jacobian(interior, flat.reshape(x.shape)),
-        },
-        callback=keep_best,
-        options={"maxiter": steps, "ftol": 1e-3 * interior.unit},
-    )
-    return best[0]
-
-
-def _motion_criterion(interior: Interior, x: Array) -> float:
-    return interior.information.value(*interior.states(x)[:3])
-
-
-def _criterion_and_gradient(interior: Interior, x: Array) -> tuple[float, Array]:
-    """Return the criterion and its gradient (n K)."""
-    value, gradients = interior.information.value_and_gradients(*interior.states(x)[:3])
-    return value, np.einsum("din,dik->nk", gradients, interior.functions[:3]).ravel()
-
-
-def _limit_slacks(interior: Interior, x: Array) -> Array:
-    """Return the slack of each limit on the grid: shares, and distances in m."""
-    states = interior.states(x)
-    slacks = interior.range_slack(x), interior.torque_slack(states), interior.gaps(states[0])
-    return np.concatenate([slack.ravel() for slack in slacks])
-
-
-def _slack_jacobian(interior: Interior, x: Array) -> Array:
-    """Return the derivatives of the slacks by the coefficients."""
-    states, functions = interior.states(x), interior.functions
-    n, K = x.shape
-    # ranges act on each joint by itself, so their Jacobian is block diagonal
-    range_jacobian = np.zeros((len(interior.guard_shares[0]), n, n, K))
-    for joint, rows in enumerate(interior.guard_shares):
-        range_jacobian[:, joint, joint] = rows
-    partials = interior.torque_partials(states)
-    torque_jacobian = sum(
-        np.einsum("ijk,il->ijkl", partial, B) for partial, B in zip(partials, functions[:3], strict=True)
-    )
-    torque_jacobian = torque_jacobian / interior.limits.torque[:, None, None]
-    gap_jacobian = np.einsum("ipk,il->ipkl", interior.space.gradients(states[0])[1], functions[0])
-    jacobians = -range_jacobian, range_jacobian, -torque_jacobian, torque_jacobian, gap_jacobian
-    return np.concatenate([jacobian.reshape(-1, n * K) for jacobian in jacobians])
-
-
 @dataclass(frozen=True)
 class Stage:
     """At most ``steps`` with a ``weight`` of the barrier, from the best ``kept_share`` of the motions before.
@@ -171,7 +96,7 @@ class Stage:
     kept_share: float = 1.0
 
 
-STAGES = (Stage(3.0, 40), Stage(0.5, 40, 0.5), Stage(0.1, 60, 0.5), Stage(0.0, 20))
+STAGES = (Stage(3.0, 40), Stage(0.5, 40, 0.5), Stage(0.1, 60, 0.5), Stage(0.0, 96))
 LARGE_PROBLEM_STAGES = (Stage(0.02, 100), Stage(0.005, 150))  # of the last, for large problems
 
 

@@ -110,12 +110,13 @@ def prediction_errors(
     # Factors of the other folds merge by stacking, so that leaving a fold out needs no pass over the samples.
     stacked = np.stack([fold.stack(weights) for fold in train_folds])
     # What no fold determines is left out at once, so that there are fewer columns in what follows.
-    directions = rank_of(np.linalg.qr(np.concatenate(stacked), mode="r"), parameters).determined_directions
+    total = np.asarray(np.linalg.qr(np.concatenate(stacked), mode="r"))
+    directions = rank_of(total, parameters).determined_directions
     r = directions.shape[1]
     along = np.concatenate([stacked[:, :, :-1] @ directions, stacked[:, :, -1:]], axis=2)
-    reduced = np.linalg.qr(along, mode="r")
+    reduced = np.asarray(np.linalg.qr(along, mode="r"))
     others = np.stack([np.concatenate(np.delete(reduced, k, axis=0)) for k in range(len(reduced))])
-    factors = np.linalg.qr(others, mode="r")
+    factors = np.asarray(np.linalg.qr(others, mode="r"))
     # least squares of least norm, without what the other folds do not determine
     U, s, Vt = np.linalg.svd(factors[:, :r, :r])
     inverse = np.divide(1.0, s, out=np.zeros_like(s), where=s > precision(parameters) * s[:, :1])

@@ -219,10 +219,13 @@ class PhysicallyConsistent(Estimator):
         Raises ConfigError where settings name parameters or bodies that the model does not have, or the constraints
         contradict each other, and ModelError where the program cannot be solved.
         """
-        linear: Any = self.fit  # checked when it was set
-        if linear is None:
-            linear = LeastSquares(self.threshold, self.weights, self.iterations)
-        return self.constrain(problem, call_part(linear.reduced, problem, LinearFit))
+        return self.constrain(problem, call_part(self.linear.reduced, problem, LinearFit))
+
+    @property
+    def linear(self) -> LinearEstimator:
+        """The estimator whose rows are taken: ``fit``, or least squares by the other settings."""
+        fit: Any = self.fit  # checked when it was set
+        return LeastSquares(self.threshold, self.weights, self.iterations) if fit is None else fit
 
     def constrain(self, problem: Problem, rows: LinearFit) -> Estimate:
         """Return the consistent estimate of rows that are at hand; raises as the call does."""

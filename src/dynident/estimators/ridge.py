@@ -18,7 +18,14 @@ from dynident.estimators.estimator import (
     prior_notes,
     prior_values,
 )
-from dynident.estimators.least_squares import LinearEstimator, LinearFit, estimate_of, joint_weights, weight_joints
+from dynident.estimators.least_squares import (
+    LeastSquares,
+    LinearEstimator,
+    LinearFit,
+    estimate_of,
+    joint_weights,
+    weight_joints,
+)
 from dynident.estimators.notes import DrawnToPrior
 from dynident.estimators.physical_constraints import bodies_of, estimate_sizes, parameter_scales
 from dynident.estimators.programs import Information, add_prior, information_from_factor, nearest_to_prior
@@ -82,9 +89,9 @@ class Ridge(LinearEstimator):
         super().__post_init__()
         check_prior(self.values_of("prior"))
 
-    def quick(self) -> Ridge:
-        """Return the fit without a search for the strength."""
-        return replace(self, strength=0.0) if self.strength == "auto" else self
+    def quick(self) -> Ridge | LeastSquares:
+        """Return least squares in place of a search for the strength: what a strength of zero is."""
+        return LeastSquares(weights="per_joint") if self.strength == "auto" else self
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate; notes say what the data do not determine, and how strong the prior is where "auto" chose it.

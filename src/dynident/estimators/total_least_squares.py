@@ -10,7 +10,13 @@ import numpy as np
 from annotated_types import Gt, Le
 
 from dynident.estimators.estimator import Problem, check_parameters
-from dynident.estimators.least_squares import LinearEstimator, LinearFit, fit_from_information, rows_by_joint
+from dynident.estimators.least_squares import (
+    LeastSquares,
+    LinearEstimator,
+    LinearFit,
+    fit_from_information,
+    rows_by_joint,
+)
 from dynident.estimators.notes import ErrorsInRegressor
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import steady_noise
@@ -147,6 +153,10 @@ class TotalLeastSquares(LinearEstimator):
     def needs_samples(self) -> bool:
         """Whether it repeats the smoothing of the samples."""
         return self.errors == "motion"
+
+    def quick(self) -> TotalLeastSquares | LeastSquares:
+        """Return least squares where the errors are those of the motion, which a search would smooth again."""
+        return LeastSquares(weights="per_joint") if self.errors == "motion" else self
 
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the fit by its value and information, or the rows of least squares where nothing has errors.

@@ -56,7 +56,7 @@ def find_prior_strength(
         return None
 
     # The costs and a slow inner fit do not change which strength predicts best.
-    rows = None if estimator.fit is None else estimator.fit.quick()
+    rows = estimator.linear.quick()
 
     def errors(strength: float) -> Array:
         """Return the squared errors (folds, n) of each fold, predicted from the others."""

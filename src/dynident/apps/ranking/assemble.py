@@ -137,7 +137,7 @@ class Fit(Noun):
             return find_prior_strength(self.task.model, problem.motions, part), time.perf_counter() - began
 
         # the strength is that of the quick fit, which most estimators share
-        quick_part = part if part.fit is None else replace(part, fit=part.fit.quick())
+        quick_part = replace(part, fit=part.linear.quick())
         samples = self.task.digest, pack_masks(self.common.masks), candidate.settings
         return _STRENGTH_CACHE((*samples, repr(quick_part)), find)
 

@@ -115,6 +115,14 @@ class _SampleUpdate:
             out[:, rows, q], out[:, rows, last], out[:, rows, inner] = by_q[k] + rate, -rate, by_state[k]
         return out
 
+    def updates(self, begins: NDArray[np.intp]) -> dict[int, Array]:
+        """Return the update by those of some steps that begin with a sample, none without a controller."""
+        at = np.flatnonzero(begins >= 0)
+        if self.controller is None or not len(at):
+            return {}
+        matrices = self.update(slice(int(begins[at[0]]), int(begins[at[-1]]) + 1))
+        return dict(zip(at.tolist(), matrices, strict=True))
+
     def start(self, width: int) -> Array:
         """Return the state (size, width + 2 n) before the first sample, the last columns by q and dq there."""
         n, (last, inner, _) = self.n, self.parts
@@ -167,9 +175,17 @@ class _Steps:
             by_state, by_theta = self.linearise(part, loop)
             path = np.empty((len(by_state) + 1, *X.shape))
             path[0] = X
-            for before, after, change, by_directions in zip(path, path[1:], by_state, by_theta, strict=False):
-                np.matmul(change, before, out=after)
-                after[:, : 3 * n, :width] += by_directions
+            updates = loop.updates(trace.begins[part])
+            for i, h in enumerate(trace.h[part].tolist()):
+                # a step that begins with a sample starts from the state that the sample has changed
+                before = updates[i] @ path[i] if i in updates else path[i]
+                after, q, dq = path[i + 1], before[:, :n], before[:, n : 2 * n]
+                new_dq = np.matmul(by_state[i], before, out=after[:, n : 2 * n])
+                new_dq[..., :width] += by_theta[i]
+                # q' = q + h (dq + dq') / 2 and a = (dq' - dq) / h follow from the new velocity
+                after[:, :n] = q + 0.5 * h * (dq + new_dq)
+                after[:, 2 * n : 3 * n] = (new_dq - dq) / h
+                after[:, 3 * n :] = before[:, 3 * n :]
             X = path[-1]
             self._store_samples(loop, slice(start, start + len(path)), path, out)
         return out
@@ -187,37 +203,17 @@ class _Steps:
             out[2][:, samples] = (loop.update(samples)[:, None, loop.parts[2]] @ states).swapaxes(0, 1)
 
     def linearise(self, part: slice, loop: _SampleUpdate) -> tuple[Array, Array]:
-        """Return the derivatives of steps by the states before them and by the directions.
-
-        The former (s, B, size, size) include what happens at a sample with which a step begins; the latter (s, B, 3
-        n, k) are those of q, dq and a.
-        """
-        n, trace = loop.n, self.trace
-        h = trace.h[part, None, None, None]
-        G, slopes, by_theta = self._velocity_slopes(part)
-        by_q, by_dq, inertia = slopes
-        identity = np.eye(n)
-        step = np.zeros((*G.shape[:2], loop.size, loop.size))
+        """Return the derivatives of the velocity after steps by the states before them, (s, B, n, size), and by the
+        directions, (s, B, n, k)."""
+        n, h = loop.n, self.trace.h[part, None, None, None]
+        G, (by_q, by_dq, inertia), by_theta = self._velocity_slopes(part)
+        by_state = np.zeros((*G.shape[:2], n, loop.size))
         q, dq, a = (slice(k * n, k * n + n) for k in range(3))
-        step[..., dq, q], step[..., dq, a] = -G @ by_q, -0.5 * h * (G @ by_dq)
-        step[..., dq, dq] = G @ (inertia / h - 0.5 * self.machine.V - 0.5 * h * by_q - by_dq)
+        by_state[..., q], by_state[..., a] = -G @ by_q, -0.5 * h * (G @ by_dq)
+        by_state[..., dq] = G @ (inertia / h - 0.5 * self.machine.V - 0.5 * h * by_q - by_dq)
         if loop.controller is not None:
-            keep = np.eye(loop.size - 3 * n)
-            step[..., 3 * n :, 3 * n :], step[..., dq, loop.parts[2]] = keep, G
-        # q' = q + h (dq + dq') / 2 and a = (dq' - dq) / h follow from the new velocity
-        for rows, share in ((q, 0.5 * h), (a, 1 / h)):
-            step[..., rows, :] = share * step[..., dq, :]
-        step[..., q, q] += identity
-        step[..., q, dq] += 0.5 * h * identity
-        step[..., a, dq] -= identity / h
-        by_directions = np.concatenate((0.5 * h * by_theta, by_theta, by_theta / h), axis=2)
-        # a step that begins with a sample starts from the state that the sample has changed
-        if loop.controller is not None:
-            at = np.flatnonzero(trace.begins[part] >= 0)
-            if len(at):
-                k = trace.begins[part][at]
-                step[at] = step[at] @ loop.update(slice(int(k[0]), int(k[-1]) + 1))[:, None]
-        return step, by_directions
+            by_state[..., loop.parts[2]] = G
+        return by_state, by_theta
 
     def _velocity_slopes(self, part: slice) -> tuple[Array, tuple[Array, Array, Array], Array]:
         """Return the derivatives of dq after steps by a torque (s, B, n, n), those of the inverse dynamics by q, dq and

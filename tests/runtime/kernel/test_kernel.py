@@ -181,11 +181,14 @@ def unset(shape, dtype=float, **how):
 
 np.empty = unset
 import dynident as dy
-from dynident.models import RigidBodies
+from dynident.models import Model, RigidBodies
+from dynident.models.friction import Coulomb, Viscous
+from dynident.models.simulation.trace import Machine
 from dynident.motion.splines import GCV, REML, Fixed
 from dynident.runtime import kernel
 
 bodies, rng = RigidBodies({ARM!r}), np.random.default_rng(0)
+rusty = Model((bodies, Coulomb(bodies.joints), Viscous(bodies.joints)))
 kernel.LIBRARY = Path(sys.argv[1])
 for level in sys.argv[2:]:
     os.environ["DYNIDENT_KERNEL"] = level.replace("best", "")
@@ -202,6 +205,10 @@ for level in sys.argv[2:]:
         theta = np.ones(len(bodies.parameters))
         bodies.weighted_gradient(q, dq, ddq, bodies.regressor(q, dq, ddq))
         bodies.torque(q, dq, ddq, theta), bodies.partials(q, dq, ddq, theta)
+        bodies.entries(q, dq, ddq, *np.nonzero(bodies.support))
+        states = rng.standard_normal((2, 4, *q.shape))
+        Machine(rusty, np.ones(len(rusty.parameters))).take_steps(*states, ddq, q, np.full(3, 1e-3))
+        assert np.isfinite(states).all()
     print(kernel.kernel().level)
 """
 LEAST = LEVELS[architecture()][0][0]

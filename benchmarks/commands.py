@@ -9,6 +9,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 
 from measure import GIB
@@ -74,6 +75,22 @@ def default(_: str, robot: str) -> Call:
             )
         path = configured(ROBOTS[robot], data, folder / f"{robot}.yaml")
     return lambda: cost(*DYNIDENT, "identify", path, "--out", folder / "out")
+
+
+def excite(_: str, robot: str) -> Call:
+    """The design of a motion, and of another for validation, with nothing set but the robot file."""
+    from defaults_robots import ROBOTS
+
+    path = recordings(robot) / Path(ROBOTS[robot].model).name
+    return lambda: cost(*DYNIDENT, "excite", path, "--out", Path(SCRATCH.name, "excited"))
+
+
+def compare(_: str) -> Call:
+    """All estimators with all smoothers, on the demo's arm."""
+    folder = Path(SCRATCH.name)
+    subprocess.run([*DYNIDENT, "demo", "--out", folder / "demo", "--quiet"], check=True, stdout=subprocess.DEVNULL)
+    numbers = count()  # what an earlier run has compared would be taken from its folder
+    return lambda: cost(*DYNIDENT, "compare", folder / "demo" / "robot.yaml", "--out", folder / f"c{next(numbers)}")
 
 
 def parquet(_: str, samples: int) -> Call:

@@ -165,6 +165,11 @@ TABLES = {
     "study": Table("The article's study, on the clock", "s", 1, (
         Row("9000 fits, two workers", Work("commands", "study", (1000, 2), seconds=0), None, (Mark(20), Mark(35))),),
         "wall"),
+    "clock": Table("Searches with two workers, on the clock", "s", 1, (
+        *(Row(f"`excite`, {title}, 7 joints", Work("commands", "excite", (robot,), seconds=0), None, (Mark(10), None))
+          for robot, title in (("lwr4", "LWR4"), ("panda", "Panda"))),
+        Row("`compare`, the demo's arm", Work("commands", "compare", (), seconds=0), None, (Mark(75), None)),),
+        "wall"),
     "likelihood": Table("Maximum likelihood, the estimator alone", "s of CPU", 1, (
         Row("LWR4", Work("likelihood", "robot", ("lwr4",), seconds=0), None, (Mark(5), None)),
         Row("Panda", Work("likelihood", "robot", ("panda",), seconds=0), None, (Mark(8), None)),

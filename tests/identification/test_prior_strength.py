@@ -69,13 +69,13 @@ def test_the_stronger_the_prior_the_nearer_the_file() -> None:
 
 
 def test_a_stronger_prior_is_tried_only_where_a_weaker_one_gains(monkeypatch: pytest.MonkeyPatch) -> None:
-    tried, fit = set[object](), PhysicallyConsistent.__call__
+    tried, fit = set[object](), PhysicallyConsistent.torque_value
 
     def counted(self: PhysicallyConsistent, posed: Problem) -> object:
         tried.add(self.strength)
         return fit(self, posed)
 
-    monkeypatch.setattr(PhysicallyConsistent, "__call__", counted)
+    monkeypatch.setattr(PhysicallyConsistent, "torque_value", counted)
     for off, expected in ((0.8, {0.0, 0.01}), (0.25, {0.0, 0.01, 0.1})):
         slow = problem(arm(off=off, seed=0), seed=0, samples=150, seconds=8.0)
         tried.clear()

@@ -60,7 +60,7 @@ from dynident.estimators.programs import (
 )
 from dynident.models import Model, Parameter
 from dynident.regression import base_parameters
-from dynident.runtime import ConfigError, Note, call_part
+from dynident.runtime import ConfigError, Note, Noun, call_part
 from dynident.runtime.arrays import Array
 
 MAX_GAP = 1e-6  # duality gap above which the prior was not reached
@@ -132,6 +132,23 @@ Distance = Literal["entropic", "euclidean"]
 NamedPrior = Literal["nominal", "none", "any"]
 MAX_STRENGTH = 1e3
 MAX_MASS, MAX_LIMIT = 1e6, 1e9  # kg; in size, of any limit
+
+
+class _TorqueFit(Noun):
+    """The fit of the torque under the ``constraints`` on ``bodies``: ``theta`` (p), and its ``excess`` |d|^2.
+
+    ``information`` is that of the rows, ``posterior`` with the ``prior`` (p), and ``start`` its solution without
+    constraints.
+    """
+
+    bodies: tuple[BodyConstraint, ...]
+    information: Information
+    constraints: Constraints
+    prior: Array
+    posterior: Information
+    start: Array
+    theta: Array
+    excess: float
 
 
 @dataclass(frozen=True)
@@ -227,29 +244,39 @@ class PhysicallyConsistent(Estimator):
         fit: Any = self.fit  # checked when it was set
         return LeastSquares(self.threshold, self.weights, self.iterations) if fit is None else fit
 
-    def constrain(self, problem: Problem, rows: LinearFit) -> Estimate:
-        """Return the consistent estimate of rows that are at hand; raises as the call does."""
+    def torque_value(self, problem: Problem) -> Array:
+        """Return parameters (p) with the torque of the estimate: without the move towards the prior along what the rows
+        leave free, which takes as long as the fit. Raises as the call does."""
+        return self._fit_torque(problem, call_part(self.linear.reduced, problem, LinearFit)).theta
+
+    def _fit_torque(self, problem: Problem, rows: LinearFit) -> _TorqueFit:
+        """Fit the rows under the constraints; the prior counts only along informed directions."""
         model, triangular = problem.model, problem.regression.triangular_factors
-        factor, directions = rows.factor, rows.directions
         bodies = estimate_sizes(bodies_of(model.parameters), model.parameters, triangular)
-        effect = np.linalg.norm(factor, axis=0)
+        effect = np.linalg.norm(rows.factor, axis=0)
         scale = parameter_scales(model.parameters, bodies, effect[:-1], float(effect[-1]))
-        information = information_from_factor(factor, scale, directions, rows.total)
+        information = information_from_factor(rows.factor, scale, rows.directions, rows.total)
         constraints, prior = self._constraints(model, bodies, scale), prior_values(self.prior, model)
-        target = np.where(np.isnan(prior), 0.0, prior)
-        # first program: fit the data under the constraints; the prior counts only along informed directions
         strength = 0.0 if self.strength == "auto" else self.strength
         posterior = add_prior(information, self._body_prior(constraints, prior), strength)
-        start = nearest_to_prior(posterior, posterior.base, target)
-        theta, excess = staged_fit(posterior, constraints, start)
+        start = nearest_to_prior(posterior, posterior.base, np.where(np.isnan(prior), 0.0, prior))
+        fit = staged_fit(posterior, constraints, start)
+        return _TorqueFit(bodies, information, constraints, prior, posterior, start, *fit)
+
+    def constrain(self, problem: Problem, rows: LinearFit) -> Estimate:
+        """Return the consistent estimate of rows that are at hand; raises as the call does."""
+        model, directions = problem.model, rows.directions
+        fit = self._fit_torque(problem, rows)
+        information, constraints, prior, posterior = fit.information, fit.constraints, fit.prior, fit.posterior
         # second program: move along directions that the data do not determine, towards the prior
-        value, gap = theta, 0.0
+        value, gap = fit.theta, 0.0
         if self.prior != "any":
             entropic = self._entropic_bodies(information, constraints, prior)
-            value, gap = move_to_prior(information, constraints, theta, target, entropic)
+            target = np.where(np.isnan(prior), 0.0, prior)
+            value, gap = move_to_prior(information, constraints, fit.theta, target, entropic)
         value = _clip_to_limits(value, constraints)
         provenance = provenance_of(value, information, constraints, ~np.isnan(prior))
-        costs = costs_of(posterior, constraints, start, excess) if self.costs else {}
+        costs = costs_of(posterior, constraints, fit.start, fit.excess) if self.costs else {}
         free = information.base if rows.plain is None else rows.plain.solution.value
         # the shift by the constraints may be an error, and widens the covariance
         shift = np.where(directions.undetermined_mask, 0.0, value - free)
@@ -266,7 +293,7 @@ class PhysicallyConsistent(Estimator):
                 *shift_notes(information, value, model.parameters),
             ),
             provenance=provenance,
-            consistency=Consistency({body.name: body.min_eigenvalue(value) for body in bodies}, costs, free),
+            consistency=Consistency({body.name: body.min_eigenvalue(value) for body in fit.bodies}, costs, free),
             information=rows.information,
         )
 

@@ -60,11 +60,11 @@ def find_prior_strength(
 
     def errors(strength: float) -> Array:
         """Return the squared errors (folds, n) of each fold, predicted from the others."""
-        fit, fold_errors = replace(estimator, strength=strength, costs=False, fit=rows), []
+        fit, fold_errors = replace(estimator, strength=strength, fit=rows), []
         for k, part in enumerate(parts):
             train_factors = merge_factors([*parts[:k], *parts[k + 1 :]])
             regression = Regression(model, thin, selection.unfiltered).with_factors(train_factors)
-            fold_errors.append(part.residual(fit(Problem(model, thin, regression)).value))
+            fold_errors.append(part.residual(fit.torque_value(Problem(model, thin, regression))))
         return np.stack(fold_errors)
 
     # The plain error is shared by all gains: without a prior, least squares with constraints.

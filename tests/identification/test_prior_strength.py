@@ -81,3 +81,15 @@ def test_a_stronger_prior_is_tried_only_where_a_weaker_one_gains(monkeypatch: py
         tried.clear()
         find_prior_strength(slow.model, slow.motions, AUTO)
         assert tried == expected
+
+
+@pytest.mark.parametrize("strength", [0.0, 0.1])
+def test_the_torque_alone_is_that_of_the_estimate(strength: float) -> None:
+    posed = problem(arm(off=0.3), samples=300)
+    estimator = PhysicallyConsistent(strength=strength)
+    (motion,), estimate = posed.motions, estimator(posed)
+    torques = [
+        posed.model.torque(**motion.states(), theta=value) for value in (estimator.torque_value(posed), estimate.value)
+    ]
+    np.testing.assert_allclose(*torques, atol=1e-6 * np.abs(torques[1]).max())
+    assert np.abs(estimator.torque_value(posed) - estimate.value).max() > 1.0  # kg: what the torque does not show

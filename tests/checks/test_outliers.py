@@ -68,9 +68,11 @@ def test_frozen_and_clipped_torques_are_said_with_their_stretch() -> None:
     assert isinstance(one.message, log_notes.FrozenTorque)
     assert (one.message.row, one.message.count, one.message.value) == (400, 200, 0.0)
     limit = 0.6 * np.abs(ONE.tau).max()
-    assert {type(x.message) for x in found(replace(ONE, tau=np.clip(ONE.tau, -limit, limit)))} == {
-        log_notes.ClippedTorque
-    }
+    clipped = np.clip(ONE.tau, -limit, limit)
+    for note in (x.message for x in found(replace(ONE, tau=clipped))):
+        assert isinstance(note, log_notes.ClippedTorque)
+        first = int(np.flatnonzero(clipped == note.value)[0])
+        assert (note.row, note.time) == (first, ONE.t[first])
 
 
 def test_too_many_are_not_left_out() -> None:

@@ -175,8 +175,8 @@ def test_noise_that_the_residual_rules_out_is_not_believed() -> None:
 
 def test_noise_that_is_taken_as_twice_too_large_is_reduced_to_about_its_own() -> None:
     """Where nothing but the noise of the positions is in the residual of the torque."""
-    one = record(truth(), SIGMA, 0.0, np.random.default_rng(0)).log
-    (piece,) = pieces_of(MODEL, one, WIDE(one), WIDE, TRUTH, 1.0)
+    recording = record(truth(), SIGMA, 0.0, np.random.default_rng(0)).log
+    (piece,) = pieces_of(MODEL, recording, WIDE(recording), WIDE, TRUTH, 1.0)
     (limited,) = limit_noise(MODEL, [replace(piece, sigma=2 * piece.sigma)], TRUTH, np.random.default_rng(0))
     assert limited.sigma == pytest.approx(SIGMA, rel=0.6)
 
@@ -194,15 +194,15 @@ def test_noise_that_is_less_between_samples_is_no_time_offset() -> None:
 def test_a_bias_of_nearly_all_samples_is_as_sure_as_that_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
     """However much it differs between the recordings: one of them has hardly any noise."""
     logs = [log(0), log(1, SIGMA / 10)]
-    regression = Regression(MODEL, tuple(WIDE(one) for one in logs))
+    regression = Regression(MODEL, tuple(WIDE(recording) for recording in logs))
     estimate = LeastSquares()(Problem(MODEL, regression.motions, regression))
-    whole = motion_errors(logs, regression, WIDE, estimate)
+    of_all = motion_errors(logs, regression, WIDE, estimate)
     monkeypatch.setattr("dynident.identification.motion_errors.MAX_BIAS_SAMPLES", 3999)  # of 4000
-    nearly = motion_errors(logs, regression, WIDE, estimate)
-    assert whole is not None
-    assert nearly is not None
-    np.testing.assert_allclose(nearly.bias, whole.bias, rtol=0.01)
-    np.testing.assert_allclose(np.sqrt(np.diag(nearly.covariance)), np.sqrt(np.diag(whole.covariance)), rtol=0.3)
+    of_most = motion_errors(logs, regression, WIDE, estimate)
+    assert of_all is not None
+    assert of_most is not None
+    np.testing.assert_allclose(of_most.bias, of_all.bias, rtol=0.01)
+    np.testing.assert_allclose(np.sqrt(np.diag(of_most.covariance)), np.sqrt(np.diag(of_all.covariance)), rtol=0.3)
 
 
 PIECES, SAMPLES = 16, 1000

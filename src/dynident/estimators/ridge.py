@@ -90,7 +90,7 @@ class Ridge(LinearEstimator):
         check_prior(self.values_of("prior"))
 
     def quick(self) -> Ridge | LeastSquares:
-        """Return least squares in place of a search for the strength: what a strength of zero is."""
+        """Return least squares where the strength is to be searched: with a strength of zero, ridge is that."""
         return LeastSquares(weights="per_joint") if self.strength == "auto" else self
 
     def __call__(self, problem: Problem) -> Estimate:

@@ -155,7 +155,7 @@ class TotalLeastSquares(LinearEstimator):
         return self.errors == "motion"
 
     def quick(self) -> TotalLeastSquares | LeastSquares:
-        """Return least squares where the errors are those of the motion, which a search would smooth again."""
+        """Return least squares where the errors are those of the motion: each trial would smooth all logs again."""
         return LeastSquares(weights="per_joint") if self.errors == "motion" else self
 
     def reduced(self, problem: Problem) -> LinearFit:

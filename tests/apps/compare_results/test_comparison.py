@@ -104,7 +104,7 @@ def test_what_the_other_does_not_determine_is_left_out() -> None:
 
 
 def test_of_a_single_parameter_chi_squared_is_that_of_its_z() -> None:
-    one, two = (
+    results = (
         result(
             [1.0, 2.0, 0.5, f],
             combination=BASE[2:],
@@ -114,10 +114,10 @@ def test_of_a_single_parameter_chi_squared_is_that_of_its_z() -> None:
         )
         for f in (0.3, 0.8)
     )
-    found = compare_results(one, two)
-    assert [parameter.z for parameter in found.base] == [pytest.approx(0.5 / 0.02**0.5)]
-    assert (found.chi_squared, found.freedom) == (pytest.approx(12.5), 1)
-    assert found.p_value == pytest.approx(found.base[0].p_value)
+    comparison = compare_results(*results)
+    assert [parameter.z for parameter in comparison.base] == [pytest.approx(0.5 / 0.02**0.5)]
+    assert (comparison.chi_squared, comparison.freedom) == (pytest.approx(12.5), 1)
+    assert comparison.p_value == pytest.approx(comparison.base[0].p_value)
 
 
 def test_errors_that_are_not_known() -> None:

@@ -64,5 +64,5 @@ def test_the_slopes_of_the_constraints_are_theirs():
     rng = np.random.default_rng(1)
     x = random_motion(TIGHT_TORQUE, rng)
     step = 1e-6 * rng.normal(size=x.shape)
-    found = (limit_slacks(TIGHT_TORQUE, x + step) - limit_slacks(TIGHT_TORQUE, x - step)) / 2
-    np.testing.assert_allclose(slack_jacobian(TIGHT_TORQUE, x) @ step.ravel(), found, atol=1e-9)
+    change = (limit_slacks(TIGHT_TORQUE, x + step) - limit_slacks(TIGHT_TORQUE, x - step)) / 2
+    np.testing.assert_allclose(slack_jacobian(TIGHT_TORQUE, x) @ step.ravel(), change, atol=1e-9)

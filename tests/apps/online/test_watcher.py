@@ -131,10 +131,10 @@ def test_gaps_and_clocks_that_are_set_back_end_a_motion_and_no_more() -> None:
 
 
 def test_what_was_before_a_gap_is_none_of_the_first_seconds() -> None:
-    one = watcher()
-    one.push(*samples(0, 5))
-    assert types(one.push(*samples(20, 29))) == [Gap]
-    assert one.state["held"][0] == pytest.approx(np.arange(2000, 2900) / RATE)
+    monitor = watcher()
+    monitor.push(*samples(0, 5))
+    assert types(monitor.push(*samples(20, 29))) == [Gap]
+    assert monitor.state["held"][0] == pytest.approx(np.arange(2000, 2900) / RATE)
 
 
 def test_samples_that_come_again_are_left_out() -> None:

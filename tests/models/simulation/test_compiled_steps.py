@@ -56,15 +56,15 @@ def test_steps_with_friction_that_slides_and_holds(level, seed):
     held = np.abs(theirs[1]) < 1e-9
     assert held.any()
     assert not held.all()
-    for one, other in zip(ours, theirs, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-7)
+    for compiled, expected in zip(ours, theirs, strict=True):
+        np.testing.assert_allclose(compiled, expected, rtol=1e-6, atol=1e-7)
 
 
 def test_without_dry_friction_only_rounding_differs(level):
     model, theta = arm(5)
     theta[np.array([parameter.role == "coulomb" for parameter in model.parameters])] = 0.0
-    for one, other in zip(run(Machine(model, theta)), run(by_numpy(model, theta)), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-10)
+    for compiled, expected in zip(run(Machine(model, theta)), run(by_numpy(model, theta)), strict=True):
+        np.testing.assert_allclose(compiled, expected, rtol=1e-9, atol=1e-10)
 
 
 def test_a_mass_matrix_that_is_singular(level):
@@ -76,8 +76,8 @@ def test_a_mass_matrix_that_is_singular(level):
 
 def test_angles_beyond_the_sine_of_the_kernel(level):
     model, theta = arm(3)
-    for one, other in zip(run(Machine(model, theta), 6e5), run(by_numpy(model, theta), 6e5), strict=True):
-        np.testing.assert_array_equal(one, other)
+    for compiled, expected in zip(run(Machine(model, theta), 6e5), run(by_numpy(model, theta), 6e5), strict=True):
+        np.testing.assert_array_equal(compiled, expected)
 
 
 def test_other_friction_is_left_to_numpy(level):

@@ -123,7 +123,7 @@ class CompiledRecursion(Recursion):
         """Take the steps of ``Machine.step`` from the first of q, dq (S + 1, P, n) and from ddq (P, n), in place.
 
         ``others`` are mass and bias of other terms, V, J and F; ``h`` (S) is in s. Return False where the mass matrix
-        is singular at a step.
+        is singular at a step. Raises ValueError where the three are not contiguous.
         """
         call: Any = function("bodies_steps", *SIGNATURES["steps"], result=c_int64)
         pieces, n, m, bodies = q.shape[1], q.shape[2], len(others[-1]), len(self.layout)
@@ -131,7 +131,11 @@ class CompiledRecursion(Recursion):
         work = np.zeros(
             pieces * (n * (n + 3) + 3 * bodies) + n * (n + 1 + m) + m * (m + 2) + WORK_PER_BODY * (bodies + 1)
         )
-        arguments = [_address(array) for array in (q, dq, ddq, np.ascontiguousarray(tau))]
+        # what is written in place cannot be a copy; with other strides the kernel would write elsewhere
+        if not all(array.flags.c_contiguous and array.dtype == np.float64 for array in (q, dq, ddq)):
+            raise ValueError("q, dq and ddq must be contiguous arrays of float64.")
+        tau, h = np.ascontiguousarray(tau), np.ascontiguousarray(h)
+        arguments = [_address(array) for array in (q, dq, ddq, tau)]
         sizes = pieces, _address(h), len(h), _address(work)
         taken = call(*self._robot_arguments[1], _address(theta), _address(settings), n, m, *arguments, *sizes)
         return bool(taken == len(h))

@@ -84,3 +84,11 @@ def test_other_friction_is_left_to_numpy(level):
     bodies, theta = random_bodies(2, 3)
     model = Model((bodies, Power(bodies.joints, exponent=0.5)))
     assert Machine(model, np.append(theta, np.ones(len(bodies.joints))))._compiled is None
+
+
+def test_states_that_are_not_contiguous_are_refused(level):
+    model, theta = arm(2)
+    machine, n = Machine(model, theta), len(model.joints)
+    states = np.zeros((2, 3, PIECES, 2 * n))[..., ::2]
+    with pytest.raises(ValueError, match="contiguous"):
+        machine.take_steps(*states, np.zeros((PIECES, n)), np.zeros((PIECES, n)), np.full(2, 1e-3))

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from dynident.apps.compare_results import ResultComparison
 
 # imported by all workers at once
-COMPARE_MODULES = ("dynident.apps.ranking.assemble", "dynident.estimators", "dynident.motion.smoothers")
+COMPARE_MODULES = ("dynident.apps.ranking.fit", "dynident.estimators", "dynident.motion.smoothers")
 FLEET_MODULES = ("dynident.apps.fleets.fit", "dynident.report.identification.report")
 DIFFERENT_EXIT_CODE = 3  # exit code
 MAX_VERBOSE_ROWS = 40  # rows of a ranking

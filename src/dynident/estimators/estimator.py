@@ -20,6 +20,7 @@ from dynident.runtime import (
     OMITTED,
     Axes,
     ConfigError,
+    KeepsFacts,
     Note,
     Noun,
     Part,
@@ -43,7 +44,7 @@ class Provenance(StrEnum):
     UNIDENTIFIABLE = "unidentifiable"
 
 
-class Problem(Noun):
+class Problem(KeepsFacts, Noun):
     """The input of an estimator: the model, the motions to fit, their linear problem, and the logs as measured.
 
     ``logs`` may be empty: the positions of the motions are then used as the measured ones. The positions of the logs

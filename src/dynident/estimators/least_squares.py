@@ -17,7 +17,7 @@ from dynident.estimators.estimator import DataRank, Estimate, Estimator, Problem
 from dynident.estimators.notes import RankDeficient
 from dynident.models import Parameter
 from dynident.regression import Rank, TriangularFactors, Whitening, rank_of
-from dynident.runtime import Note, Noun, settings_text
+from dynident.runtime import Note, Noun, call_part, settings_text
 from dynident.runtime.arrays import Array
 
 Weights = Literal["equal", "per_joint"]
@@ -60,7 +60,8 @@ class LinearFit(Noun):
     ``whitening``. Where errors of the motion count in the fit, ``information`` (p, p) includes them; with
     residuals that are ``correlated`` it accounts for that. ``sigma`` (n) is the standard deviation of each
     joint's residual where that is not its rms. Where a prior was added, ``plain`` is the fit without it: the
-    shift by the prior may be an error. ``notes`` tell what was not as it should be.
+    shift by the prior may be an error. ``value`` (p) is the estimate where it differs from the solution along
+    what the data do not determine. ``notes`` tell what was not as it should be.
     """
 
     factor: Array
@@ -75,6 +76,7 @@ class LinearFit(Noun):
     sigma: Array | None = None
     correlated: bool = False
     plain: LinearFit | None = None
+    value: Array | None = None
 
     @property
     def solution(self) -> LeastSquaresSolution:
@@ -107,9 +109,13 @@ class LinearEstimator(Estimator):
     def reduced(self, problem: Problem) -> LinearFit:
         """Return the reduced rows of the problem."""
 
+    def rows(self, problem: Problem) -> LinearFit:
+        """Return the reduced rows, computed once for each problem: the consistent fit shares those of the plain one."""
+        return problem.fact(self, lambda: call_part(self.reduced, problem, LinearFit))
+
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate without constraints; for a deficient rank a note names the parameters that are tied together."""
-        return estimate_of(problem, self.reduced(problem))
+        return estimate_of(problem, self.rows(problem))
 
 
 class SampledEstimator(LinearEstimator):
@@ -124,13 +130,13 @@ class SampledEstimator(LinearEstimator):
 
 def estimate_of(problem: Problem, fit: LinearFit) -> Estimate:
     """Return the estimate without constraints, (X' X)^-1 X' y, and s^2 (X' X)^-1, eq. (11)."""
-    solution, parameters = fit.solution, problem.model.parameters
+    value = fit.solution.value if fit.value is None else fit.value
     return Estimate(
-        parameters=parameters,
-        value=solution.value,
+        parameters=problem.model.parameters,
+        value=value,
         covariance=fit.covariance,
         determined=DataRank(fit.directions.rank, fit.directions.condition, fit.directions),
-        residual=fit.residual(problem, solution.value),
+        residual=fit.residual(problem, value),
         notes=(*_rank_notes(fit.directions, problem.model.names), *fit.notes),
         information=fit.information,
     )

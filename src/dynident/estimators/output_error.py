@@ -9,12 +9,11 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le
 
-from dynident.estimators.estimator import Estimate, Problem
+from dynident.estimators.estimator import Problem
 from dynident.estimators.least_squares import (
     MAX_ITERATIONS,
     LinearFit,
     SampledEstimator,
-    estimate_of,
     fit_from_information,
     rows_by_joint,
 )
@@ -35,7 +34,6 @@ from dynident.runtime import (
     memory_budget,
     settings_text,
 )
-from dynident.runtime.arrays import Array
 
 BYTES_PER_DERIVATIVE = 20  # for each sample, joint and direction: the derivatives, and what the starts leave of them
 
@@ -49,31 +47,22 @@ class SimulatingEstimator(SampledEstimator):
     def shots(self, problem: Problem) -> Iterator[Shots]:
         """Yield the stretches to be simulated."""
 
-    def __call__(self, problem: Problem) -> Estimate:
-        """Estimate, with undetermined directions as at the start; a note says where the iteration did not converge."""
-        value, linear = fit_output(problem, tuple(self.shots(problem)), self.iterations)
-        return replace(estimate_of(problem, linear), value=value, residual=linear.residual(problem, value))
-
     def reduced(self, problem: Problem) -> LinearFit:
-        """Return the value with its information, as rows to which constraints can be added."""
-        return fit_output(problem, tuple(self.shots(problem)), self.iterations)[1]
+        """Return the value with its information, as rows to which constraints can be added.
 
-
-def fit_output(problem: Problem, shots: tuple[Shots, ...], iterations: int) -> tuple[Array, LinearFit]:
-    """Return the value (p) fitted to stretches of recordings, and what their motion determines of it, as rows.
-
-    Raises InputError where the derivatives need more memory than there is.
-    """
-    plain = rows_by_joint(problem)
-    rank, r = plain.directions, plain.directions.rank
-    _check_memory(problem, shots, r)
-    # directions in which the weighted regressor is orthonormal: those that least squares does not see stay
-    basis = rank.determined_directions / rank.values[:r]
-    descent = Descent(problem, basis, iterations).fit(plain.solution.value, shots)
-    to_basis = rank.values[:r, None] * rank.vectors[:, :r].T * rank.scale
-    information = to_basis.T @ descent.information @ to_basis
-    fit = fit_from_information(descent.value, information, rank, descent.samples, descent.notes)
-    return descent.value, replace(fit, weights=plain.weights, correlated=True)
+        Undetermined directions are as at the start; a note says where the iteration did not converge. Raises
+        InputError where the derivatives need more memory than there is.
+        """
+        shots, plain = tuple(self.shots(problem)), rows_by_joint(problem)
+        rank, r = plain.directions, plain.directions.rank
+        _check_memory(problem, shots, r)
+        # directions in which the weighted regressor is orthonormal: those that least squares does not see stay
+        basis = rank.determined_directions / rank.values[:r]
+        descent = Descent(problem, basis, self.iterations).fit(plain.solution.value, shots)
+        to_basis = rank.values[:r, None] * rank.vectors[:, :r].T * rank.scale
+        information = to_basis.T @ descent.information @ to_basis
+        fit = fit_from_information(descent.value, information, rank, descent.samples, descent.notes)
+        return replace(fit, value=descent.value, weights=plain.weights, correlated=True)
 
 
 def _check_memory(problem: Problem, shots: Sequence[Shots], directions: int) -> None:

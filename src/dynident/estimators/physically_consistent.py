@@ -60,7 +60,7 @@ from dynident.estimators.programs import (
 )
 from dynident.models import Model, Parameter
 from dynident.regression import base_parameters
-from dynident.runtime import ConfigError, Note, Noun, call_part
+from dynident.runtime import ConfigError, Note, Noun
 from dynident.runtime.arrays import Array
 
 MAX_GAP = 1e-6  # duality gap above which the prior was not reached
@@ -236,7 +236,7 @@ class PhysicallyConsistent(Estimator):
         Raises ConfigError where settings name parameters or bodies that the model does not have, or the constraints
         contradict each other, and ModelError where the program cannot be solved.
         """
-        return self.constrain(problem, call_part(self.linear.reduced, problem, LinearFit))
+        return self.constrain(problem, self.linear.rows(problem))
 
     @property
     def linear(self) -> LinearEstimator:
@@ -247,7 +247,7 @@ class PhysicallyConsistent(Estimator):
     def torque_value(self, problem: Problem) -> Array:
         """Return parameters (p) with the torque of the estimate: without the move towards the prior along what the rows
         leave free, which takes as long as the fit. Raises as the call does."""
-        return self._fit_torque(problem, call_part(self.linear.reduced, problem, LinearFit)).theta
+        return self._fit_torque(problem, self.linear.rows(problem)).theta
 
     def _fit_torque(self, problem: Problem, rows: LinearFit) -> _TorqueFit:
         """Fit the rows under the constraints; the prior counts only along informed directions."""

@@ -122,7 +122,10 @@ class Ridge(LinearEstimator):
         return self._fit(problem)[2]
 
     def _fit(self, problem: Problem) -> tuple[Information, Information, LinearFit]:
-        """Return the information of the data, the same with the prior, and its rows."""
+        """Return the information of the data, the same with the prior, and its rows; computed once for each problem."""
+        return problem.fact((Ridge, self), lambda: self._penalised_fit(problem))
+
+    def _penalised_fit(self, problem: Problem) -> tuple[Information, Information, LinearFit]:
         parameters, triangular = problem.model.parameters, problem.regression.triangular_factors
         weights = joint_weights(triangular, "per_joint", 3, parameters)
         prior = self._prior(problem.model)

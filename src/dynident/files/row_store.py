@@ -146,11 +146,11 @@ class RowStore:
         self,
         work: Callable[[J], Any],
         keys: Mapping[J, Key],
-        make_row: Callable[[JobResult[J, Any]], Mapping[str, Any]],
+        make_rows: Callable[[JobResult[J, Any]], Iterable[Mapping[str, Any]]],
         options: JobOptions,
         words: str,
     ) -> int:
-        """Do the ``work`` of the jobs whose keys are not known, add the row of each result, and return their number.
+        """Do the ``work`` of the jobs whose keys are not known, add the rows of each result, and return their number.
 
         ``words`` name the step that is reported. Where it is stopped or fails, the error says what is kept.
         """
@@ -160,7 +160,7 @@ class RowStore:
         hint = kept if self.path else "No row is kept; name a folder for the results to keep them."
         try:
             for count, result in enumerate(run_jobs(work, pending, options.executor, limits=options.limits), 1):
-                self.add([make_row(result)])
+                self.add(make_rows(result))
                 report_progress(Step(words, count, len(pending)))
         except KeyboardInterrupt as stop:
             stop.add_note(hint)

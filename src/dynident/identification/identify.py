@@ -99,9 +99,17 @@ class ParameterFit:
 
 
 def estimate_parameters(
-    problem: Problem, estimator: Estimator, alignment: Alignment, tilt: BaseTilt | None = None
+    problem: Problem,
+    estimator: Estimator,
+    alignment: Alignment,
+    tilt: BaseTilt | None = None,
+    *,
+    needs_noise: bool = True,
 ) -> ParameterFit:
-    """Fit the parameters, and correct the bias by the smoothed motion where that is significant."""
+    """Fit the parameters, and correct the bias by the smoothed motion where that is significant.
+
+    Unless ``needs_noise``, the covariance by noise of the motion is left out where it decides nothing.
+    """
     report_progress("estimating")
     estimate = call_part(estimator, problem, Estimate)
     regression = estimate.residual.weight_rows(problem.regression)
@@ -112,7 +120,7 @@ def estimate_parameters(
     if estimate.information is not None:  # the estimator has its own motion, with its errors
         return fit
     report_progress("repeating the smoothing")
-    errors = motion_errors(problem.logs, regression, alignment.smoother, estimate)
+    errors = motion_errors(problem.logs, regression, alignment.smoother, estimate, needs_noise=needs_noise)
     return fit if errors is None else correct_bias(fit, errors, estimator)
 
 

@@ -30,7 +30,7 @@ from dynident.models import Model
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Smoother, strip_time_offset
 from dynident.motion.splines import NORMAL_95
-from dynident.regression import Regression, TriangularFactors, base_parameters, base_std, factorise, merge_factors
+from dynident.regression import Rank, Regression, TriangularFactors, base_parameters, base_std, factorise, merge_factors
 from dynident.runtime import InputError, ModelError, Noun, call_part
 from dynident.runtime.arrays import Array
 from dynident.validation import correlated_std
@@ -184,6 +184,23 @@ class _RepeatedFit:
         changes = [self._refit(parts, [s * x for x in e]) for s in (1, -1)]
         return np.mean(changes, axis=0), np.zeros((len(theta), len(theta)))
 
+    def noise_covariance(self, parts: Sequence[LogPiece], rank: Rank, samples: int) -> Array:
+        """Return the covariance (p, p) by the noise of the corrected motion, of a fit to so many ``samples``.
+
+        ``rank`` is that of the weighted rows.
+        """
+        model, theta, weights = self.regression.model, self.estimate.value, self.estimate.residual.weights
+        worst, torques = largest_residuals(parts), []
+        # draws of the noise as torque errors; those larger than any residual did not happen
+        for part in parts:
+            draws = [part.torque(model, theta, part.noise(self.rng)) for _ in range(NOISE_DRAWS)]
+            torques.append(np.stack([drop_unlikely_errors(e, worst) for e in draws], axis=2))
+        repeated_regression = equations(self.regression, parts, [part.motion for part in parts])
+        changes = rank.inverse @ repeated_regression.weighted_products(torques, weights)
+        # a few pieces stand for all samples: the covariance of sums grows with the number of samples
+        scale = samples / max(repeated_regression.usable_samples, 1)
+        return np.asarray(scale * changes @ changes.T / NOISE_DRAWS)
+
     def _refit(self, parts: Sequence[LogPiece], errors: Sequence[Array]) -> Array:
         """Return the error (p) of a fit to the repetition with these position errors, whose truth is known."""
         model, estimate = self.regression.model, self.estimate
@@ -201,42 +218,38 @@ def motion_errors(
     smoother: Smoother,
     estimate: Estimate,
     rng: np.random.Generator | None = None,
+    *,
+    needs_noise: bool = True,
 ) -> MotionErrors | None:
     """Return the bias and covariance of an ``estimate`` by the errors of the smoothed motions of ``logs``.
 
     They are those of the fit of ``regression`` without constraints, by least squares with the estimate's weights,
     or where these depend on the residual, with the weights by which the fit follows a change of the torque. Of
     more than 20 000 samples a few pieces are used, for the bias of more than 80 000. ``rng`` draws the noise, by
-    default the same each time. None where a piece cannot be smoothed by itself.
+    default the same each time. Unless ``needs_noise``, its covariance is zero where even without it the bias is within
+    the standard errors. None where a piece cannot be smoothed by itself.
     """
     rng = rng or np.random.default_rng(0)
     model, triangular, weights = regression.model, regression.triangular_factors, estimate.residual.weights
     follows = estimate.residual.weight_by_slopes(regression)
+    factor, rank = weight_joints(
+        follows.triangular_factors, _unit_weights(weights, triangular.rows), model.parameters,
+        unwhitened_rank=estimate.unwhitened_rank,
+    )  # fmt: skip
+    basis = base_parameters(rank, model.parameters)
+    std = base_std(basis, triangular, estimate.residual.row_deviation(triangular, estimate.value), weights)
     try:
         repeated = _RepeatedFit(logs, follows, smoother, estimate, rng)
         parts = repeated.credible_pieces(MAX_COVARIANCE_SAMPLES)
-        bias, bias_covariance = repeated.bias(parts)
-        worst = largest_residuals(parts)
-        # Draws of the noise as torque errors of the corrected motion; those larger than any residual did not happen.
-        torques = []
-        for part in parts:
-            draws = [part.torque(model, estimate.value, part.noise(rng)) for _ in range(NOISE_DRAWS)]
-            torques.append(np.stack([drop_unlikely_errors(e, worst) for e in draws], axis=2))
+        bias, covariance = repeated.bias(parts)
+        size = _standardised_bias(basis.to_base(bias), std, np.zeros_like(std))
+        # noise only adds to the standard errors: a bias within them is not significant with it, either
+        if needs_noise or (size > NORMAL_95).any():
+            noise_covariance = repeated.noise_covariance(parts, rank, regression.usable_samples)
+            noise_std = np.sqrt(np.einsum("ij,jk,ik->i", basis.combination, noise_covariance, basis.combination))
+            size, covariance = _standardised_bias(basis.to_base(bias), std, noise_std), noise_covariance + covariance
     except InputError:
         return None
-    ones = _unit_weights(weights, triangular.rows)
-    factor, rank = weight_joints(
-        follows.triangular_factors, ones, model.parameters, unwhitened_rank=estimate.unwhitened_rank
-    )
-    repeated_regression = equations(follows, parts, [part.motion for part in parts])
-    parameter_changes = rank.inverse @ repeated_regression.weighted_products(torques, weights)
-    # A few pieces stand for all samples: the covariance of sums grows with the number of samples.
-    scale = regression.usable_samples / max(repeated_regression.usable_samples, 1)
-    covariance = scale * parameter_changes @ parameter_changes.T / NOISE_DRAWS
-    basis = base_parameters(rank, model.parameters)
-    noise_std = np.sqrt(np.einsum("ij,jk,ik->i", basis.combination, covariance, basis.combination))
-    std = base_std(basis, triangular, estimate.residual.row_deviation(triangular, estimate.value), weights)
-    size = _standardised_bias(basis.to_base(bias), std, noise_std)
     # The robust standard errors are costly: compute them only where the bias is significant without them.
     if (size > NORMAL_95).any():
         with suppress(ModelError):  # nearly dependent columns
@@ -245,9 +258,7 @@ def motion_errors(
     largest = int(size.argmax()) if len(size) else 0
     p = len(bias)
     share = np.linalg.norm(factor[:, :p] @ bias) / max(float(np.linalg.norm(factor[:, :p] @ estimate.value)), 1e-300)
-    return MotionErrors(
-        bias, covariance + bias_covariance, basis.groupings[largest], float(size[largest]), float(share)
-    )
+    return MotionErrors(bias, covariance, basis.groupings[largest], float(size[largest]), float(share))
 
 
 def _standardised_bias(bias: Array, std: Array, extra_std: Array) -> Array:

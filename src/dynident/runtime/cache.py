@@ -18,9 +18,13 @@ class KeepsFacts:
     A changed copy and a pickle start without facts.
     """
 
-    def fact(self, name: str, compute: Callable[[], F]) -> F:
-        """Return the fact of that name, computed where it is first asked for."""
-        facts: dict[str, Any] = self.__dict__.setdefault("_facts", {})
+    def fact(self, name: Hashable, compute: Callable[[], F]) -> F:
+        """Return the fact of that name, computed where it is first asked for, or each time where that has no hash."""
+        try:
+            hash(name)
+        except TypeError:
+            return compute()
+        facts: dict[Hashable, Any] = self.__dict__.setdefault("_facts", {})
         if name not in facts:
             facts[name] = compute()
         value: F = facts[name]

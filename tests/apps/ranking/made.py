@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
-from dynident.estimators import Estimate, Estimator, LeastSquares, Problem
+from dynident.estimators import Estimate, Estimator, LeastSquares, LinearFit, Problem
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Difference, Smoother
 from dynident.runtime import InputError, MissingInputError
@@ -75,6 +76,18 @@ class Whole(Estimator):
         if sum(int(one.mask.sum()) for one in problem.motions) < self.samples:
             raise InputError("too few samples")
         return LeastSquares()(problem)
+
+
+@dataclass(frozen=True)
+class Counting(LeastSquares):
+    """Least squares that counts how often it reduces the rows of a problem."""
+
+    calls: ClassVar[list[int]] = []
+
+    def reduced(self, problem: Problem) -> LinearFit:
+        """Return the rows."""
+        self.calls.append(problem.regression.usable_samples)
+        return super().reduced(problem)
 
 
 @dataclass(frozen=True)

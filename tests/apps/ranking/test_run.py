@@ -14,7 +14,7 @@ import dynident as dy
 from dynident.apps.ranking import CombinationOutcome, Ranking, compare
 from dynident.apps.ranking.config import estimator_candidates, smoother_candidates
 from dynident.apps.ranking.report import ranking_findings
-from dynident.apps.ranking.run import _job_row
+from dynident.apps.ranking.run import _unfinished_row
 from dynident.apps.ranking.task import find_common_samples, restore_alignment
 from dynident.estimators import LinearEstimator
 from dynident.identification import TimeOffset
@@ -24,8 +24,19 @@ from dynident.project.config import parse_config
 from dynident.project.settings import Config
 from dynident.runtime import ConfigError, InputError, Step, progress_to
 from dynident.runtime.families import ESTIMATORS, SMOOTHERS
-from dynident.runtime.jobs import JobResult, Status
-from tests.apps.ranking.made import CONFIG, Greedy, Halved, Lacking, OnMonday, Raising, Stuck, Whole, make_project
+from dynident.runtime.jobs import JobResult, Limits, Status
+from tests.apps.ranking.made import (
+    CONFIG,
+    Counting,
+    Greedy,
+    Halved,
+    Lacking,
+    OnMonday,
+    Raising,
+    Stuck,
+    Whole,
+    make_project,
+)
 from tests.kept import check_kept, facts
 
 BODIES = dy.read_robot(Path(__file__).parents[3] / "src/dynident/apps/demo/files/arm.urdf")
@@ -41,7 +52,7 @@ def names(found: tuple[object, ...]) -> list[str]:
 
 @pytest.mark.parametrize("status", Status)
 def test_the_row_of_a_job_without_a_value_says_what_became_of_it(status: Status) -> None:
-    row = _job_row({1: ("log", "s", "e")}, JobResult(1, None, status, "why", 2.5))
+    row = _unfinished_row(("log", "s", "e"), JobResult(1, None, status, "why", 2.5))
     assert row["status"] == ("failed" if status is Status.OK else status.value)
     assert (row["reason"], row["seconds"]) == ("why", 2.5)
 
@@ -289,6 +300,28 @@ def test_rows_are_kept_and_a_stopped_run_goes_on(project: Path, found: Ranking, 
         more = compare(project, out, **{**FEW, "estimators": ["least_squares", Raising()]})
         assert more.computed == 2
     assert compare(project, out, **FEW, rerun=True).computed == 4
+
+
+def test_estimators_with_the_same_rows_share_them_and_each_counts_their_seconds(project: Path) -> None:
+    plain, consistent = Counting(), dy.PhysicallyConsistent(fit=Counting())
+    options: dict[str, Any] = {"smoothers": [], "folds": 2}
+    Counting.calls.clear()
+    both = compare(project, estimators=[plain, consistent], **options)
+    shared_calls = list(Counting.calls)
+    assert len(shared_calls) == 3  # all samples, and those of two folds
+    alone = [compare(project, estimators=[part], **options) for part in (plain, consistent)]
+    assert Counting.calls[3:] == 2 * shared_calls
+    columns = ["estimator", "error", "overall", "condition"]
+    expected = {row for ranking in alone for row in ranking.frame().select(columns).rows()}
+    assert set(both.frame().select(columns).rows()) == expected
+    assert all(row.seconds_estimate > 0 and row.seconds_validation > 0 for row in both.standings)
+
+
+def test_a_limit_holds_for_each_combination(project: Path, tmp_path: Path) -> None:
+    steps = list[Step]()
+    with progress_to(lambda step: steps.append(Step.of(step))):
+        compare(project, **FEW, limits=Limits(seconds=60.0))
+    assert max(step.total or 0 for step in steps if step.words == "estimating") == 4
 
 
 def test_any_executor_gives_the_same_rows(project: Path, found: Ranking) -> None:

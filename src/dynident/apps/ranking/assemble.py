@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from typing import Any
 
@@ -24,190 +23,12 @@ from dynident.apps.ranking.ranking import (
 from dynident.apps.ranking.task import (
     CommonSamples,
     Task,
-    describe_failure,
-    empty_row,
-    pack_masks,
-    restore_alignment,
-    smoothed_motions,
-    with_common_samples,
 )
-from dynident.estimators import Estimate, Estimator, PhysicallyConsistent, Problem, bodies_of, estimate_sizes
-from dynident.identification import PriorStrength, SubstituteUsed, estimate_parameters, find_prior_strength
-from dynident.identification.cross_validation import keep_fold
-from dynident.identification.dataset import RoleMotions
-from dynident.identification.prior_strength import with_strength
-from dynident.identification.uncertainty import identifiability_of
-from dynident.motion.log import Motion
-from dynident.motion.smoothers import SUBSTITUTE
-from dynident.regression import BLOCK, MAX_REPEAT_DIFFERENCE, Regression, Selection, one_thread, repeat_of
-from dynident.runtime import Noun, call_part
+from dynident.regression import MAX_REPEAT_DIFFERENCE, repeat_of
+from dynident.runtime import Noun
 from dynident.runtime.arrays import Array
-from dynident.runtime.cache import Cache
 
 Row = Mapping[str, Any]
-_STRENGTH_CACHE: Cache[tuple[PriorStrength | None, float]] = Cache(64)  # found last by this process, with seconds
-
-
-@dataclass(frozen=True)
-class Job:
-    """A combination by the numbers of smoother and estimator.
-
-    ``part_number`` is the part of the smoother that is taken, ``shift`` its time offset as in its row, ``digest``
-    that of the row. ``cross_validate`` is whether it is fitted to the folds, too.
-    """
-
-    smoother: int
-    estimator: int
-    part_number: int
-    shift: tuple[float, ...]
-    digest: str
-    cross_validate: bool = True
-
-
-class Fit(Noun):
-    """Estimate by the combination of a job, and validate the estimate on the common samples.
-
-    Called with a job it returns its row.
-    """
-
-    task: Task
-    common: CommonSamples
-    smoothers: tuple[Candidate, ...]
-    estimators: tuple[Candidate, ...]
-
-    def key(self, job: Job) -> tuple[str, str, str]:
-        """Return the key of the row of a job."""
-        return self.smoothers[job.smoother].name, self.estimators[job.estimator].name, job.digest
-
-    def __call__(self, job: Job) -> dict[str, Any]:
-        """Return the row of a combination; an exception becomes its reason."""
-        began = time.perf_counter()
-        try:
-            with one_thread():
-                return self._row(job)
-        except Exception as error:  # a combination that fails is a row
-            return empty_row(self.key(job), *describe_failure(error), time.perf_counter() - began)
-
-    def _row(self, job: Job) -> dict[str, Any]:
-        task, candidate = self.task, self.smoothers[job.smoother]
-        alignment = restore_alignment(candidate.parts[job.part_number], job.shift, task.time_offset)
-        late = alignment.time_offset.seconds if alignment.time_offset else task.time_offset
-        motions = with_common_samples(task, smoothed_motions(task, candidate, alignment.smoother), self.common)
-        problem = _train_problem(task, tuple(motions["train"].values()), late)
-        # only the estimate is timed, with the choice of the strength of its prior
-        part: Estimator = self.estimators[job.estimator].part
-        prior, prior_seconds = self._prior_strength(part, problem, candidate)
-        began, part = time.perf_counter(), with_strength(part, prior)
-        fit = estimate_parameters(problem, part, alignment)
-        estimate = fit.estimate
-        seconds = prior_seconds + time.perf_counter() - began
-        settled = CombinationOutcome.OK if estimate.converged else CombinationOutcome.UNSETTLED
-        row = empty_row(self.key(job), settled, "", seconds)
-        # notes are kept by the names of their types, for the report
-        kinds = {type(note) for note in (*estimate.notes, *fit.notes)}
-        if any(SUBSTITUTE in motion.smoothing for motion in motions["validation"].values()):
-            kinds.add(SubstituteUsed)
-        row["notes"] = sorted(kind.__name__ for kind in kinds)
-        row["condition"] = _regressor_condition(estimate)
-        row["eigenvalue"] = _smallest_eigenvalue(problem, estimate.value)
-        # errors on the motions of the configured smoother differ between combinations by the parameters alone
-        configured_motions = with_common_samples(task, task.motions, self.common)
-        for column, motion_set, role in (
-            ("held", motions, "validation"), ("alike", configured_motions, "validation"), ("train", motions, "train"),
-        ):  # fmt: skip
-            residuals = _torque_residuals(task, motion_set[role], estimate.value)
-            squares = task.squares(residuals, self.common.masks, role, fitted_only=False)
-            row[column] = (squares if column == "held" else squares.sum(axis=0)).ravel().tolist()
-        if task.truth is not None:
-            unfitted = task.recipe.unfitted
-            errors, base = identifiability_of(fit.regression, estimate, fit.motion_covariance, unfitted=unfitted)
-            row["base"] = task.truth.base(estimate.value).tolist()
-            row["std"] = task.truth.std(errors, base).tolist()
-        return row | (self._cross_validation_columns(motions["train"], part, late) if job.cross_validate else {})
-
-    def _prior_strength(
-        self, part: Estimator, problem: Problem, candidate: Candidate
-    ) -> tuple[PriorStrength | None, float]:
-        """Return the strength of the prior, and the seconds it took; it is found once for each quick fit."""
-        if not isinstance(part, PhysicallyConsistent):
-            return None, 0.0
-
-        def find() -> tuple[PriorStrength | None, float]:
-            began = time.perf_counter()
-            return find_prior_strength(self.task.model, problem.motions, part), time.perf_counter() - began
-
-        # the strength is that of the quick fit, which most estimators share
-        quick_part = replace(part, fit=part.linear.quick())
-        samples = self.task.digest, pack_masks(self.common.masks), candidate.settings
-        return _STRENGTH_CACHE((*samples, repr(quick_part)), find)
-
-    def _cross_validation_columns(
-        self, motions: Mapping[str, Motion], part: Estimator, time_offset: float
-    ) -> dict[str, Any]:
-        """Return the columns of the cross-validation, or its reason where it fails."""
-        if not self.task.folds:
-            return {}
-        began = time.perf_counter()
-        try:
-            part = replace(part, costs=False) if isinstance(part, PhysicallyConsistent) else part
-            cross = _cross_validation_squares(self.task, motions, part, time_offset)
-        except Exception as error:
-            outcome, reason = describe_failure(error)
-            words = {"reason": f"cross-validation: {reason}"}
-            return words if self.task.held_out else words | {"status": outcome.value}
-        return {"cross": cross.ravel().tolist(), "cv_seconds": time.perf_counter() - began}
-
-
-def _train_problem(task: Task, motions: tuple[Motion, ...], time_offset: float) -> Problem:
-    """Return the estimation problem of the motions of the training, in the order of its logs."""
-    regression = Regression(task.model, motions, Selection(task.recipe.filter))
-    train_motions = dict(zip(task.logs.repaired["train"], motions, strict=True))
-    logs = task.logs.fitted_logs(RoleMotions({"train": train_motions}))
-    return Problem(task.model, motions, regression, logs, time_offset)
-
-
-def _regressor_condition(estimate: Estimate) -> float:
-    """Return the condition number of the scaled regressor.
-
-    It is that within the directions that the data determine, where these are known.
-    """
-    directions = estimate.determined.directions
-    if directions is None or not directions.rank:
-        return float(estimate.determined.condition)
-    return float(directions.values[0] / directions.values[directions.rank - 1])
-
-
-def _smallest_eigenvalue(problem: Problem, value: Array) -> float | None:
-    """Return the smallest eigenvalue of the pseudo-inertias, relative to the usual size of a body.
-
-    None without bodies.
-    """
-    parameters = problem.model.parameters
-    bodies = estimate_sizes(bodies_of(parameters), parameters, problem.regression.triangular_factors)
-    return min((float(np.linalg.eigvalsh(body.scaled_inertia(value))[0]) for body in bodies), default=None)
-
-
-def _torque_residuals(task: Task, motions: Mapping[str, Motion], value: Array) -> dict[str, Array]:
-    residuals = {}
-    for name, motion in motions.items():
-        # in blocks of rows, as the kinematics of a long log at once would take too much memory
-        parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
-        predicted = np.concatenate([task.model.torque(**motion.states(rows), theta=value) for rows in parts])
-        residuals[name] = motion.tau - predicted
-    return residuals
-
-
-def _cross_validation_squares(task: Task, motions: Mapping[str, Motion], part: Estimator, time_offset: float) -> Array:
-    """Return the sums of squares (K, n) of the residuals of stretches of time, each predicted from all others."""
-    total: Array | float = 0.0
-    for k in range(task.folds):
-        held_out = {name: keep_fold(motion, k, task.folds) for name, motion in motions.items()}
-        # remove the held-out stretch from the mask, and fit the rest
-        remaining = tuple(replace(motion, mask=motion.mask & ~held_out[name].mask) for name, motion in motions.items())
-        value = call_part(part, _train_problem(task, remaining, time_offset), Estimate).value
-        masks = {"train": {name: motion.mask for name, motion in held_out.items()}}
-        total = total + task.squares(_torque_residuals(task, held_out, value), masks, "train", fitted_only=True)
-    return np.asarray(total)
 
 
 class ComparisonRows(Noun):

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from dynident.apps.ranking.assemble import ComparisonRows, Fit, Job, assemble_ranking, held_out_error
+from dynident.apps.ranking.assemble import ComparisonRows, assemble_ranking, held_out_error
 from dynident.apps.ranking.config import Candidate, estimator_candidates, smoother_candidates
 from dynident.apps.ranking.differences import compute_truth, read_truth, truth_text
+from dynident.apps.ranking.fit import Fit, Job
 from dynident.apps.ranking.page import ranking_page
 from dynident.apps.ranking.ranking import CombinationOutcome, Ranking
 from dynident.apps.ranking.report import ranking_dict
@@ -167,7 +168,7 @@ def _compute_rows(task: Task, parts: Parts, table: Path | None, options: JobOpti
         digests = tuple(_text_digest(task.digest, smoother.settings) for smoother in smoothers)
         keys = {k: (smoother.name, "", digests[k]) for k, smoother in enumerate(smoothers)}
         smoothing = Smoothing(task, smoothers, digests)
-        store.fill(smoothing, keys, partial(_job_row, keys), options, "smoothing by each method")
+        store.fill(smoothing, keys, partial(_smoother_rows, keys), options, "smoothing by each method")
         # the rows of all smoothers are needed first: only samples that all of them keep are compared
         smoother_rows = _rows_by_key(store, list(keys.values()))
         fit = Fit(task, _common_samples(task, smoothers, smoother_rows), smoothers, estimators)
@@ -187,8 +188,17 @@ def _fit_rows(
 ) -> tuple[dict[Job, Mapping[str, Any]], int]:
     """Return the rows of jobs, and how many of them were computed now."""
     keys = {job: fit.key(job) for job in jobs}
-    computed = store.fill(fit, keys, partial(_job_row, keys), options, "estimating")
-    return dict(zip(jobs, _rows_by_key(store, list(keys.values())), strict=True)), computed
+    missing = [job for job in jobs if keys[job] not in store]
+    # estimators that begin with the same rows of a smoother come together, unless limits hold for each of them
+    groups: dict[Any, tuple[Job, ...]] = {}
+    for job in missing:
+        part = fit.estimators[job.estimator].part
+        linear = part.linear if isinstance(part, PhysicallyConsistent) else part
+        group = job if options.limits not in (None, Limits()) else (job.smoother, repr(linear))
+        groups[group] = (*groups.get(group, ()), job)
+    first_keys = {group: keys[group[0]] for group in groups.values()}
+    store.fill(fit, first_keys, partial(_group_rows, keys), options, "estimating")
+    return dict(zip(jobs, _rows_by_key(store, list(keys.values())), strict=True)), len(missing)
 
 
 def _fit_jobs(fit: Fit, smoother_rows: Sequence[Mapping[str, Any]]) -> list[Job]:
@@ -217,11 +227,22 @@ def _iterates(estimator: Estimator) -> bool:
     return isinstance(linear, SimulatingEstimator | AugmentedKalman | MaximumLikelihood)
 
 
-def _job_row(keys: Mapping[Any, tuple[str, str, str]], result: JobResult[Any, dict[str, Any]]) -> Mapping[str, Any]:
-    if result.value is not None:
-        return result.value
+def _smoother_rows(
+    keys: Mapping[int, tuple[str, str, str]], result: JobResult[int, dict[str, Any]]
+) -> Sequence[Mapping[str, Any]]:
+    return [result.value or _unfinished_row(keys[result.job], result)]
+
+
+def _group_rows(
+    keys: Mapping[Job, tuple[str, str, str]], result: JobResult[tuple[Job, ...], list[dict[str, Any]]]
+) -> Sequence[Mapping[str, Any]]:
+    """Return the rows of a group, which has no value where its worker could not go on."""
+    return [_unfinished_row(keys[job], result) for job in result.job] if result.value is None else result.value
+
+
+def _unfinished_row(key: tuple[str, str, str], result: JobResult[Any, Any]) -> dict[str, Any]:
     status = Status.FAILED if result.status is Status.OK else result.status
-    return empty_row(keys[result.job], CombinationOutcome(status.value), result.reason, result.seconds)
+    return empty_row(key, CombinationOutcome(status.value), result.reason, result.seconds)
 
 
 def _rows_by_key(store: RowStore, keys: Sequence[tuple[str, str, str]]) -> list[Mapping[str, Any]]:

@@ -130,6 +130,12 @@ class Task(Noun):
         return bool(self.logs.repaired["validation"])
 
     @property
+    def is_long(self) -> bool:
+        """Whether the logs are too long for a process to keep several smoothed copies of them."""
+        values = sum(log.q.size for role_logs in self.logs.repaired.values() for log in role_logs.values())
+        return values > MAX_CACHED_VALUES
+
+    @property
     def time_offset(self) -> float:
         """The time offset (s) between positions and torque, by the configured smoother."""
         late = self.recipe.time_offset
@@ -283,9 +289,7 @@ def describe_failure(error: Exception) -> tuple[CombinationOutcome, str]:
 
 def smoothed_motions(task: Task, candidate: Candidate, smoother: Smoother) -> Motions:
     """Return the motions of a candidate by role and log, as its ``smoother`` makes them; raises the errors of that."""
-    # long logs are smoothed anew each time, as a cache of them would fill the memory
-    values = sum(log.q.size for role_logs in task.logs.repaired.values() for log in role_logs.values())
-    if values > MAX_CACHED_VALUES:
+    if task.is_long:  # smoothed anew each time, as a cache of long logs would fill the memory
         return task.logs.smooth(smoother)
     return _MOTION_CACHE((task.digest, candidate.settings, repr(smoother)), lambda: task.logs.smooth(smoother))
 

@@ -116,7 +116,6 @@ def test_trace_figure_has_the_colours_of_the_article():
     assert looks["filtered differences, clipped"] == (canvas.GREEN, "dash", None)
     assert looks["raw differences"][2] == "legendonly"
     assert looks["kalman"][0] in canvas.EXTRA_COLOURS
-    assert [trace.meta == "ink" for trace in figure.data] == [trace.line.color == canvas.INK for trace in figure.data]
     kept, clipped = (next(t for t in figure.data if t.name.endswith(end)).y for end in ("differences", "clipped"))
     np.testing.assert_array_equal(np.isnan(figure.data[3].y), ~late.mask)
     np.testing.assert_array_equal(np.isnan(clipped), late.mask)

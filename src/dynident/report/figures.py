@@ -196,8 +196,8 @@ def curve(t: Array, y: Array, name: str, line: Mapping[str, Any], points: int = 
         single, values = t.astype(np.float32), y.astype(np.float32)
         # Times must still rise in single precision, else neighbouring samples would coincide
         rising = (np.diff(single) > 0).all()
-    look = {"name": name, "mode": "lines", "line": dict(line), "meta": "ink" if line["color"] == INK else None}
-    return trace("scatter", x=single if rising else t, y=values, **look, hovertemplate="%{y:.4g}")
+    times, look = single if rising else t, {"mode": "lines", "line": dict(line)}
+    return trace("scatter", x=times, y=values, name=name, **look, hovertemplate="%{y:.4g}")
 
 
 def mark_rows(figure: Drawing, labels: list[str], series: Iterable[tuple[Array, str, str, str]], title: str) -> None:
@@ -210,8 +210,7 @@ def mark_rows(figure: Drawing, labels: list[str], series: Iterable[tuple[Array, 
         good = np.isfinite(values) & (values > 0)
         marker = {"color": colour, "size": 9, "symbol": symbol, "line": {"width": 1.6}}
         look: Trace = {"mode": "markers", "name": name, "marker": marker}
-        look |= {"text": [labels[k] for k in np.flatnonzero(good)]}
-        look |= {"hovertemplate": "%{text}: %{x:.3g} %", "meta": "ink" if colour == INK else None}
+        look |= {"text": [labels[k] for k in np.flatnonzero(good)], "hovertemplate": "%{text}: %{x:.3g} %"}
         figure.add(trace("scatter", x=values[good], y=rows[good], **look))
     figure.axes("y", tickvals=rows, ticktext=labels, range=[len(labels) - 0.5, -0.5])
     figure.axes("x", type="log", title=title, dtick=1, exponentformat="power")

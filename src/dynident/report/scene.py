@@ -258,7 +258,7 @@ def ellipsoid_circles(ellipsoids: Sequence[Ellipsoid], name: str) -> MovingTrace
     # One circle about each axis; NaN points separate them in one line
     circles = np.concatenate([part for k in range(3) for part in (np.roll(flat, k, axis=1), gap)])
     points = np.concatenate([ellipsoid.map_points(circles) for ellipsoid in ellipsoids])
-    look = trace("scatter3d", mode="lines", line={"color": INK, "width": 3}, meta="ink", name=name, hoverinfo="skip")
+    look = trace("scatter3d", mode="lines", line={"color": INK, "width": 3}, name=name, hoverinfo="skip")
     body = np.repeat([ellipsoid.body for ellipsoid in ellipsoids], len(circles))
     return MovingTrace(look | {"showlegend": True}, points, body)
 
@@ -266,7 +266,7 @@ def ellipsoid_circles(ellipsoids: Sequence[Ellipsoid], name: str) -> MovingTrace
 def centre_marks(points: Mapping[int, Array], name: str, symbol: str) -> MovingTrace:
     """Return one point (3) per body as marks that move with the bodies."""
     marker = {"color": INK, "size": 5, "symbol": symbol, "line": {"width": 1}}
-    look = trace("scatter3d", mode="markers", marker=marker, meta="ink", name=name, hoverinfo="skip")
+    look = trace("scatter3d", mode="markers", marker=marker, name=name, hoverinfo="skip")
     body = np.array(list(points), dtype=np.intp)
     return MovingTrace(look | {"showlegend": True}, np.array(list(points.values())), body)
 

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.apps.article.article import Reproduction
 from dynident.motion.log import Motion
 from dynident.report import Array, Drawing, method_name, scientific
-from dynident.report.figures import BLUE, GREEN, INK, Trace, curve, method_colours, panels, plain, trace, with_gaps
+from dynident.report.figures import BLUE, GREEN, Trace, curve, method_colours, panels, plain, trace, with_gaps
 
 DRAWN_FIRST = ("raw", "simulated", "spline", "filtered")  # later curves lie above
 TITLES = {"dq": "velocity, rad/s", "ddq": "acceleration, rad/s²"}
@@ -84,7 +84,6 @@ def _box(method: str, names: Sequence[str], values: Array, percent: Array, colou
         hovertemplate="%{x}: %{customdata[0]:.4g} (%{customdata[1]:+.2f} %)", name=plain(method_name(method)),
         legendgroup=method, offsetgroup=method, marker={"color": colour, "size": 2.5, "opacity": 0.6},
         line={"color": colour, "width": 1.2}, boxpoints="all", pointpos=0, jitter=0.7, hoveron="points",
-        meta="ink" if colour == INK else None,
     )  # fmt: skip
 
 
@@ -132,7 +131,6 @@ def efficiency_figure(reproduction: Reproduction) -> Drawing:
                 marks = trace(
                     "scatter", x=names, y=error, mode="markers", name=plain(method_name(method)), legendgroup=method,
                     marker={"color": colours[method], "size": 9, "symbol": symbol}, hovertemplate="%{x}: %{y:.3g} %",
-                    meta="ink" if colours[method] == INK else None,
                 )  # fmt: skip
                 figure.add(marks | {"showlegend": row == 1}, row=row)
     figure.axes("y", type="log", dtick=1, exponentformat="power")

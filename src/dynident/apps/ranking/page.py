@@ -71,7 +71,7 @@ def ranking_figure(ranking: Ranking) -> Drawing:
     reach = [-1.0, max(places.values()) + 1.0]
     line = {"color": INK, "width": 1.2, "dash": "dash"}
     ends = {"x": [best_error, best_error], "y": reach, "mode": "lines", "name": "best", "line": line}
-    figure.add(trace("scatter", **ends, hoverinfo="skip", meta="ink", showlegend=False))
+    figure.add(trace("scatter", **ends, hoverinfo="skip", showlegend=False))
     figure.axes("y", tickvals=centres, ticktext=[plain(name) for name in names], range=reach[::-1], showgrid=False)
     low, high = _error_range(ranking.standings, edge)
     _set_range(figure, "x", low, high, "mean joint error, % (geometric mean of the torque errors)")
@@ -167,7 +167,6 @@ def _mark_properties(name: str, k: int, rows: list[RankedCombination]) -> Trace:
     return {
         "mode": "markers", "name": plain(name), "marker": _marker_style(k, rows),
         "text": [_hover_text(row) for row in rows], "hovertemplate": "%{text}<extra></extra>",
-        "meta": "ink" if COLOURS[k % len(COLOURS)] == INK else None,
     }  # fmt: skip
 
 

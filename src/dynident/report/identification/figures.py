@@ -262,10 +262,9 @@ def _faster_marks(trials: Sequence[TermTrial], rows: Sequence[int]) -> Trace:
 def _marks(
     x: NDArray[Any], y: Sequence[int] | Array, name: str, marker: dict[str, Any], hover: str = "%{text}", **more: Any
 ) -> Trace:
-    """Return marks without a line; those in the colour of the text take that of the page."""
-    meta = "ink" if marker["color"] == INK else None
+    """Return marks without a line."""
     hover += "<extra></extra>"
-    return trace("scatter", x=x, y=y, mode="markers", name=name, marker=marker, hovertemplate=hover, meta=meta, **more)
+    return trace("scatter", x=x, y=y, mode="markers", name=name, marker=marker, hovertemplate=hover, **more)
 
 
 def interval_figure(

@@ -1,4 +1,4 @@
-// Figures are drawn when they come near the window, and follow the colour scheme of the page.
+// Figures are drawn when they come near the window, in ink on white; the styles of the page turn them on dark paper.
 (() => {
   const boxes = [...document.querySelectorAll(".plot")];
   // Plotly is packed in the page; inflated, it runs as a script of the page.
@@ -9,14 +9,8 @@
     script.textContent = await new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).text();
     packed.replaceWith(script);
   })();
-  const dark = matchMedia("(prefers-color-scheme: dark)");
-  // The colours of figures on white, and brighter ones in their place on dark paper.
-  const [ON_WHITE, ON_DARK] = [
-    ["#2964c4", "#bf3a10", "#33a38f", "#b98a00", "#9a66d0"],
-    ["#5a98f5", "#e8602c", "#63d3b8", "#ecc44e", "#bd8cf0"],
-  ];
+  const [GREY, INK] = ["#7d7d7d", "#111111"]; // of curves on any paper, and on white
   const ink = () => getComputedStyle(document.documentElement).getPropertyValue("--ink").trim();
-  const inked = (traces) => traces.flatMap((trace, i) => (trace.meta === "ink" ? [i] : []));
   const shown = (box) => box.offsetParent !== null;
 
   // On a phone: smaller letters, titles of axes in several lines, and room for a legend that needs them, too.
@@ -43,17 +37,14 @@
   function draw(box) {
     if (box.drawn || !shown(box)) return;
     box.drawn = true;
-    const { data, layout, motion } = recoloured(JSON.parse(box.nextElementSibling.textContent), dark.matches);
+    const text = box.nextElementSibling.textContent, moving = box.matches(".scene");
+    const { data, layout, motion } = JSON.parse(moving ? text : text.replaceAll(GREY, INK));
     if (motion && !Scene.able) {
       box.style.height = "auto";
       box.textContent = "This browser draws nothing in 3-D (WebGL).";
       return;
     }
-    layout.font = { ...layout.font, color: ink() };
-    for (const i of inked(data)) {
-      data[i].line = { ...data[i].line, color: ink() };
-      if (data[i].marker) data[i].marker.color = ink();
-    }
+    layout.font = { ...layout.font, color: moving ? ink() : INK };
     if (box.clientWidth < 600 && !motion) narrowed(layout, data, box.clientWidth);
     box.style.height = `${layout.height}px`;
     // A finger that drags a figure means to scroll the page.
@@ -65,31 +56,28 @@
       scrollZoom: false, // a wheel over a figure means to scroll the page
       modeBarButtons: motion ? [["zoom3d", "tableRotation", "resetCameraDefault3d"]] : [["zoom2d", "pan2d", "autoScale2d", "resetScale2d"]],
     });
-    saving(box, () => recoloured(box.data, false));
+    saving(box);
     if (motion) Scene.draw(box, motion);
     else Scene.follow(box);
   }
 
-  // A copy in the colours of white or of dark paper; long lists hold no colours and stay as they are.
-  function recoloured(value, bright) {
-    const again = (one) => recoloured(one, bright);
-    if (Array.isArray(value)) return value.length > 400 ? value : value.map(again);
-    if (value?.constructor === Object) return Object.fromEntries(Object.entries(value).map(([key, one]) => [key, again(one)]));
-    const [from, to] = bright ? [ON_WHITE, ON_DARK] : [ON_DARK, ON_WHITE];
-    return typeof value === "string" ? (to[from.indexOf(value)] ?? value) : value;
+  function saving(box) {
+    const tools = Object.assign(document.createElement("div"), { className: "save" });
+    for (const format of ["SVG", "PNG"]) {
+      const title = `Save the figure as ${format}`;
+      const button = Object.assign(document.createElement("button"), { type: "button", className: "tool", textContent: format, title, ariaLabel: title });
+      button.addEventListener("click", () => save(box, format.toLowerCase()));
+      tools.append(button);
+    }
+    box.parentElement.insertBefore(tools, box.parentElement.querySelector("figcaption"));
   }
 
-  function paint(color, bright) {
-    for (const box of boxes.filter((box) => box.data)) {
-      const layout = recoloured(box.layout, bright);
-      layout.font.color = color;
-      const data = recoloured(box.data, bright);
-      for (const i of inked(data)) {
-        data[i].line = { ...data[i].line, color };
-        if (data[i].marker) data[i].marker.color = color;
-      }
-      Plotly.react(box, data, layout);
-    }
+  async function save(box, format) {
+    const layout = { ...box.layout, paper_bgcolor: "#ffffff", font: { ...box.layout.font, color: INK, family: "sans-serif" } };
+    const size = { width: box.clientWidth, height: box.clientHeight };
+    const address = await Plotly.toImage({ data: box.data, layout }, { format, ...size, scale: format === "png" ? 2 : 1 });
+    const name = `${document.title} figure ${boxes.indexOf(box) + 1}`.replace(/[^\p{L}\p{N}]+/gu, "-");
+    Object.assign(document.createElement("a"), { href: address, download: `${name}.${format}` }).click();
   }
 
   // Of a gallery one view is shown; a choice is passed on to all galleries that offer it.
@@ -153,17 +141,12 @@
   );
   document.querySelectorAll("main > section").forEach((part) => here.observe(part));
 
-  dark.addEventListener("change", () => paint(ink(), dark.matches));
-  const sized = (width) => {
-    for (const box of boxes.filter((box) => box.drawn && shown(box))) Plotly.relayout(box, width ? { width } : { width: null, autosize: true });
+  const sized = (size, color) => {
+    for (const box of boxes.filter((box) => box.drawn && shown(box))) Plotly.relayout(box, box.matches(".scene") ? { ...size, "font.color": color } : size);
   };
   addEventListener("beforeprint", () => {
     if (window.Plotly) boxes.forEach(draw);
-    paint("#111111", false);
-    sized(PAPER);
+    sized({ width: PAPER }, INK);
   });
-  addEventListener("afterprint", () => {
-    paint(ink(), dark.matches);
-    sized();
-  });
+  addEventListener("afterprint", () => sized({ width: null, autosize: true }, ink()));
 })();

@@ -49,9 +49,7 @@ def test_rows_are_sorted_by_value(browse: Browsing, tmp_path: Path, width: int) 
     assert page.evaluate(shown) == list(VALUES)
     page.locator("th:visible", has_text="joint").first.locator("button").click()
     names = page.evaluate(f"[...{column}].map((row) => row.cells[0].textContent)")
-    assert names == ["=joint_9", *(f"joint_{k}" for k in range(4, 9)), "robot_cell_\u2060…\u2060joint_10_x"]
-    page.locator("abbr:visible").first.click()
-    assert page.locator("abbr:visible").first.text_content() == LONG
+    assert names == ["=joint_9", *(f"joint_{k}" for k in range(4, 9)), LONG]
 
 
 @pytest.mark.parametrize("width", [1280, 400])

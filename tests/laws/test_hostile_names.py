@@ -156,9 +156,7 @@ class Tags(HTMLParser):
         self.feed(page)
 
     def handle_starttag(self, tag, attrs):
-        # a long name that is shortened, or may be broken at its underscores
-        if (tag, [key for key, _ in attrs]) not in (("abbr", ["title"]), ("wbr", [])):
-            self.tags.append(tag)
+        self.tags.append(tag)
         self.running += [key for key, _ in attrs if key.startswith("on")]
         self.links += [value for key, value in attrs if key == "href"]
 

@@ -142,28 +142,6 @@ def test_a_gallery_offers_each_option_once():
     assert page.count('<div class="choices" role="group" aria-label="joint" hidden>') == 1
 
 
-def test_long_names_are_shortened_and_stand_whole_in_a_title():
-    long = [f"robot_cell_left_manipulator_arm_joint_{k}_<b>" for k in range(2)]
-    heads = (Column("joint", numeric=False), Column("error"), Column("what", numeric=False, prose=True))
-    table = PageTable(heads, tuple((f"{name} x", "-1", name) for name in long))
-    assert list(table.short) == long
-    assert len(set(table.short.values())) == 2
-    assert {len(name) for name in table.short.values()} == {22}
-    page = render("t", "l", [PageSection("s", (table,))])
-    whole = "robot_cell_left_manipulator_arm_joint_1_&lt;b&gt;"
-    assert f'<abbr title="{whole}">robot_cell_\u2060…\u2060oint_1_&lt;b&gt;</abbr> x</td>' in page
-    assert f'<td class="words prose">{whole}</td>' in page
-    assert pair_table("file", [(long[0], "1")]).short == {}
-    cells = ["weighted_least_<b>", "least_squares", "consistent + weighted_least_squares"]  # may be broken
-    page = render("t", "l", [PageSection("s", (PageTable(heads[:2], tuple((one, "1") for one in cells)),))])
-    for shown in (
-        "weighted_<wbr>least_<wbr>&lt;b&gt;",
-        "least_squares",
-        "consistent + weighted_<wbr>least_<wbr>squares",
-    ):
-        assert f">{shown}</td>" in page
-
-
 def test_plotly_is_embedded_once_only_where_there_is_a_figure_and_the_network_is_asked_for_nothing():
     page = render("t", "l", [PageSection("s", (figure(), PageSection("inner", (figure(),))))])
     outline, packed = Outline(page), plotly_packed()

@@ -9,10 +9,10 @@ from __future__ import annotations
 import re
 import zlib
 from base64 import b64encode
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from importlib.abc import ResourceLoader
 from importlib.util import find_spec
 from itertools import groupby
@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import quote
 
-from dynident.runtime import InputError, install_command, shorten_names
+from dynident.runtime import InputError, install_command
 
 if TYPE_CHECKING:
     import jinja2
@@ -36,8 +36,6 @@ POWER = re.compile(r"(?<![\w.])(-?\d+(?:\.\d+)?)e([-+]?\d+)(?![\w.]\w|\w)")
 # in a sentence, where a name may hold 1e5
 MAX_FORMULA_LENGTH = 30  # signs of a formula in a table
 SENTENCE_POWER = re.compile(r"(?<![\w.])([-\u2212]?\d+\.\d+(?=e)|[-\u2212]?\d+(?=e[-+]))e([-+]?\d+)(?!\.?\w)")
-MAX_UNBROKEN_LENGTH = 16  # letters of a word in a column of names, from which on it may be broken at its underscores
-MAX_NAME_LENGTH = 22  # letters of a word in a column of names: beside it there is room for numbers on a phone
 
 
 def unit_text(text: str) -> str:
@@ -141,18 +139,6 @@ class PageTable:
         """Headings above the columns, each with the number of columns it spans; empty where no column has one."""
         runs = tuple((name, len(list(run))) for name, run in groupby(column.group for column in self.columns))
         return runs if any(name for name, _ in runs) else ()
-
-    @cached_property
-    def short(self) -> dict[str, str]:
-        """The long words in the columns of names, each shortened in the middle such that they stay distinct."""
-        if not any(column.numeric for column in self.columns):
-            return {}
-        names = [k for k, column in enumerate(self.columns[:2]) if not column.numeric and not column.prose]
-        cells = (row[k] for k in names for row in self.rows)
-        # Cells that are markup are left alone: their tags are no names
-        words = {word for cell in cells if not hasattr(cell, "__html__") for word in cell.split()}
-        long = sorted(word for word in words if len(word) > MAX_NAME_LENGTH)
-        return dict(zip(long, shorten_names(long, MAX_NAME_LENGTH), strict=True))
 
 
 @dataclass(frozen=True)
@@ -273,10 +259,8 @@ def render(title: str, lead: str, sections: Sequence[PageSection]) -> str:
     from dynident.runtime.kernel import kernel
 
     template = _environment().get_template("page.html")
-    script = plotly_packed() if any(_contains_block(section, Figure) for section in sections) else None
-    tables = script is not None or any(_contains_block(section, PageTable) for section in sections)
     made_by = {"version": __version__, "kernel": str(kernel())}
-    return template.render(title=title, lead=lead, sections=sections, plotly=script, tables=tables, **made_by)
+    return template.render(title=title, lead=lead, sections=sections, plotly=plotly_packed, **made_by)
 
 
 def stylesheet() -> str:
@@ -293,7 +277,7 @@ def _environment() -> jinja2.Environment:
         loader=loader, autoescape=True, undefined=undefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters |= {"kind": _block_kind, "cell": cell, "said": typeset}
-    environment.filters |= {"json": _figure_json, "words": sentence, "names": _shorten_names}
+    environment.filters |= {"json": _figure_json, "words": sentence}
     return environment
 
 
@@ -317,33 +301,6 @@ def _block_kind(block: PageBlock) -> str:
     if isinstance(block, str):
         return "html" if hasattr(block, "__html__") else "text"
     return "list" if isinstance(block, tuple) else type(block).__name__.removeprefix("Page").lower()
-
-
-def _contains_block(block: PageBlock, kind: type[PageTable | Figure]) -> bool:
-    if isinstance(block, Gallery):
-        return any(_contains_block(inner, kind) for _, blocks in block.views for inner in blocks)
-    if isinstance(block, PageSection | Fold | Beside):
-        return any(_contains_block(inner, kind) for inner in block.blocks)
-    return isinstance(block, kind)
-
-
-def _shorten_names(cell: str, short: Mapping[str, str], markup: str) -> str:
-    """Return a cell as typeset in ``markup``, or, where it has long names, with these shortened.
-
-    Shortened names stand in full in a title, and are copied in full. Other long words may break at underscores.
-    """
-    from markupsafe import Markup, escape
-
-    parts = re.split(r"(\s+)", cell)
-    if isinstance(cell, Markup):  # a formula is no name
-        return markup
-    if not any(part in short for part in parts):
-        long = any(len(part) > MAX_UNBROKEN_LENGTH for part in parts)
-        return escape(markup).replace("_", Markup("_<wbr>")) if long else markup
-    template = Markup('<abbr title="{}">{}</abbr>')
-    # Word joiners keep a line from breaking at the ellipsis
-    joined = {name: cut.replace("…", "\u2060…\u2060") for name, cut in short.items()}  # no line breaks there
-    return Markup("").join(template.format(part, joined[part]) if part in short else escape(part) for part in parts)
 
 
 def _figure_json(figure: Drawing) -> Markup:

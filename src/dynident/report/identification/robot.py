@@ -87,10 +87,9 @@ def robot_blocks(identification: Identification, geometry: Geometry | None = Non
     bodies = rigid_bodies(identification)
     if bodies is None or not identification.validations:
         return
-    links, shapes = link_inertias(identification), _cached_outlines(geometry or rod_geometry(bodies))
-    moving = _surface_traces(bodies, links, shapes)
+    links = link_inertias(identification)
+    moving, still = _arm_traces(bodies, links, geometry)
     inertia = list(_inertia_traces(links))
-    still = [*(root_surface(shape) for shape in shapes if shape.body < 0), *_legend_keys(links)]
     moving_count, trace_count = len(moving), len(moving) + len(inertia)
     layers = [Layer("Inertia", tuple(range(moving_count, trace_count)), tuple(range(moving_count)))] if inertia else []
     figure = scene_figure(bodies, _recording_replays(identification), [*moving, *inertia], still, layers)
@@ -107,10 +106,8 @@ def robot_view(identification: Identification, geometry: Geometry | None = None)
     bodies = rigid_bodies(identification)
     if bodies is None or not identification.validations:
         return None
-    shapes = _cached_outlines(geometry or rod_geometry(bodies))
     links = link_inertias(identification)
-    moving = _surface_traces(bodies, links, shapes)
-    still = [*(root_surface(shape) for shape in shapes if shape.body < 0), *_legend_keys(links)]
+    moving, still = _arm_traces(bodies, links, geometry)
     if not moving:
         return None
     caption = f"How most parameters of a link are determined: {_meanings(links)}"
@@ -124,10 +121,9 @@ def payload_view(bodies: RigidBodies, geometry: Geometry, place: int, payload: B
     """
     if payload.ellipsoid is None:
         return None
-    shapes = _cached_outlines(geometry)
+    moving, still = _arm_traces(bodies, (), geometry)
     solid = Ellipsoid(place, payload.centre, payload.ellipsoid, payload.axes, AMBER)
-    moving = [*_surface_traces(bodies, (), shapes), solid_ellipsoids([solid], "payload")]
-    still = [*(root_surface(shape) for shape in shapes if shape.body < 0), legend_key("payload", AMBER)]
+    moving, still = [*moving, solid_ellipsoids([solid], "payload")], [*still, legend_key("payload", AMBER)]
     pose = Replay("", 0.0, 0.0, np.zeros((1, len(bodies.joints))))
     caption = "The payload on the arm, as an ellipsoid of even density with its mass and inertia; all joints at zero."
     return _small_view(bodies, [pose], moving, still, caption)
@@ -166,20 +162,21 @@ def _cached_outlines(geometry: Geometry) -> tuple[Outline, ...]:
     return outlines(geometry, max_triangles=MAX_TRIANGLES)
 
 
-def _surface_traces(bodies: RigidBodies, links: Sequence[LinkInertia], shapes: Sequence[Outline]) -> list[MovingTrace]:
-    """Return the surfaces of the bodies, coloured by what determined them, with hover texts."""
+def _arm_traces(
+    bodies: RigidBodies, links: Sequence[LinkInertia], geometry: Geometry | None
+) -> tuple[list[MovingTrace], list[Trace]]:
+    """Return the surfaces of the bodies, coloured by what determined them, and what stands still: root and legend."""
+    shapes = _cached_outlines(geometry or rod_geometry(bodies))
     links_by_body = {link_inertia.body: link_inertia for link_inertia in links}
-    out: list[MovingTrace] = []
-    for shape in shapes:
-        if shape.body < 0:
-            continue
+    moving: list[MovingTrace] = []
+    for shape in (shape for shape in shapes if shape.body >= 0):
         link = links_by_body.get(shape.body)
         name = link_title(bodies.arm.bodies[shape.body].links)
         hover_text = "<br>".join(map(plain, [name] if link is None else _hover_lines(link)))
         colour = STILL if link is None else COLOURS[link.main_source]
-        colour = lighten_colour(colour) if len(out) % 2 else colour
-        out.append(surface(shape, name, colour, hoverinfo="text", hovertext=hover_text))
-    return out
+        colour = lighten_colour(colour) if len(moving) % 2 else colour
+        moving.append(surface(shape, name, colour, hoverinfo="text", hovertext=hover_text))
+    return moving, [*(root_surface(shape) for shape in shapes if shape.body < 0), *_legend_keys(links)]
 
 
 def _hover_lines(link: LinkInertia) -> Iterator[str]:

@@ -15,7 +15,6 @@ const PAPER = 660; // px of a page of paper, A4 or letter, with its margins
   const text = (cell) => {
     if (cell.dataset.value) return cell.dataset.value; // a number with a power of ten
     const copy = cell.cloneNode(true);
-    copy.querySelectorAll("abbr").forEach((name) => name.title.length > name.textContent.length && name.replaceWith(name.title));
     copy.querySelectorAll("math[alttext]").forEach((formula) => formula.replaceWith(formula.getAttribute("alttext")));
     copy.querySelectorAll("sup").forEach((power) => power.replaceWith(`^${power.textContent}`));
     return copy.textContent.trim();
@@ -69,9 +68,6 @@ const PAPER = 660; // px of a page of paper, A4 or letter, with its margins
       place.classList.add("ready");
       place.removeAttribute("tabindex");
       place.addEventListener("click", (event) => {
-        // A finger sees no title of a name that is shortened.
-        const name = event.target.closest?.("abbr[title]");
-        if (name) [name.title, name.textContent] = [name.textContent, name.title];
         const column = event.target.closest?.("button[data-column]")?.dataset.column;
         if (column !== undefined) this.sort(Number(column));
       });

@@ -103,7 +103,7 @@ def test_the_arm_the_slider_and_the_torques_move_together(browse: Browsing, repo
 
     page.set_viewport_size({"width": 400, "height": 800})
     until(page, "document.documentElement.scrollWidth <= 400")
-    play, _, inertia = page.locator(".player button").all()
+    play, inertia = page.locator(".player button").all()
     play.click()
     until(page, f"parseFloat(document.querySelector('.player output').value) > {time + 0.1}")
     play.click()

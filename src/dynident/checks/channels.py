@@ -212,27 +212,20 @@ def _kept_noise(t: Array, x: Array, mask: Mask) -> float:
 
 
 def check_log(
-    log: Log,
-    kinds: Mapping[str, str],
-    multi_turn: Set[str] = frozenset(),
-    *,
-    torque: bool = True,
-    jumps: Sequence[Finding] | None = None,
+    log: Log, kinds: Mapping[str, str], multi_turn: Set[str] = frozenset(), *, torque: bool = True
 ) -> tuple[Finding, ...]:
     """Return all findings on a log, those on time first, then joint by joint.
 
     ``kinds`` maps each joint of the log to "revolute" or "prismatic"; joints named in ``multi_turn`` may make any
-    number of turns. With ``torque`` False the torques are not checked. ``jumps`` are the ``jump_findings`` of the log
-    where they are known. Raises InputError where a joint of the log has no kind.
+    number of turns. With ``torque`` False the torques are not checked. Raises InputError where a joint of the log has
+    no kind.
     """
     missing = [name for name in log.joints if name not in kinds]
     if missing:
         raise InputError(f"{log.source}: joint {missing[0]!r} has no kind; give 'revolute' or 'prismatic'.")
     clock = list(stamps.time_unit_findings(log))
-    findings = [*stamps.step_findings(log), *clock]
-    jumps = tuple(jump_findings(log)) if jumps is None else jumps
-    findings += [finding for finding in jumps if isinstance(finding.message, channel_notes.WrappedPosition)]
-    wrapped = [finding.joint for finding in findings if isinstance(finding.message, channel_notes.WrappedPosition)]
+    wraps = [x for x in jump_findings(log) if isinstance(x.message, channel_notes.WrappedPosition)]
+    findings, wrapped = [*stamps.step_findings(log), *clock, *wraps], [finding.joint for finding in wraps]
     for j, name in enumerate(log.joints):
         # an angle may be in degrees only where the joint neither turns often nor wraps, and the time unit is right
         turns = kinds[name] == "revolute" and name not in multi_turn and not clock and name not in wrapped
@@ -271,8 +264,7 @@ def check_log_fully(
     whether rests stay in the fit, ``replaced`` whether outliers of the positions are replaced. Each finding names
     the log's source. Raises the errors of ``check_log``.
     """
-    jumps = tuple(jump_findings(log))
-    quick_findings = check_log(log, kinds, multi_turn, jumps=jumps)
+    quick_findings = check_log(log, kinds, multi_turn)
     findings = [finding for finding in quick_findings if not isinstance(finding.message, channel_notes.UnevenSteps)]
     # a log that is too short has an error already
     if len(log) >= MINIMUM_SAMPLES:
@@ -281,7 +273,7 @@ def check_log_fully(
             *rest_findings(log, rests_kept=rests_kept),
             *position_outlier_findings(log, replaced=replaced),
         ]
-        findings += [finding for finding in jumps if isinstance(finding.message, log_notes.PositionJump)]
+        findings += [x for x in jump_findings(log) if isinstance(x.message, log_notes.PositionJump)]
         # spikes would pass for motion of a joint in millimetres
         clean = repair_log(log, torque=False)
         for j, name in enumerate(log.joints):

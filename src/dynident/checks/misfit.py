@@ -98,34 +98,33 @@ def fit_cases(
     noise = _noise_variance(motions, filtered_motions, steady_masks, cutoff)
     # a torque that is the same throughout one log, and not in another, was not recorded there
     varies = np.array([np.ptp(motion.tau, axis=0) > 0 for motion in motions])
-    live_torques = varies | ~varies.any(axis=0)
+    live = varies | ~varies.any(axis=0)
+    masks = [steady & live_in_log for steady, live_in_log in zip(steady_masks, live, strict=True)]
     jerks = [np.gradient(motion.ddq, motion.t, axis=0) for motion in filtered_motions]  # for differences in time
-    cases = []
-    for count in samples:
-        # thin all signals by the same rows, so that they stay aligned
-        rows = subsample(filtered_motions, count)
-        states = stack_states(filtered_motions, rows)
-        pairs = list(zip(filtered_motions, rows, strict=True))
-        tau = np.concatenate([motion.tau[indices] for motion, indices in pairs])
-        dddq = np.concatenate([jerk[indices] for jerk, indices in zip(jerks, rows, strict=True)])
-        keep = np.concatenate(
-            [
-                steady[indices] & fitted_mask(motion, min_speed, indices) & live
-                for steady, live, (motion, indices) in zip(steady_masks, live_torques, pairs, strict=True)
-            ]
-        )
-        q, dq, ddq, lengths = states["q"], states["dq"], states["ddq"], tuple(map(len, rows))
-        cases.append(FitCase(model, q, dq, ddq, dddq, tau, keep, lengths, noise, memory=states.get("memory")))
-    return cases
+    # thin all signals by the same rows, so that they stay aligned
+    thinned = [subsample(filtered_motions, count) for count in samples]
+    return [_stacked_case(model, filtered_motions, rows, min_speed, noise, masks, jerks) for rows in thinned]
 
 
 def measured_case(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None = None) -> FitCase:
     """Return the case of a model and motions with all samples as measured: not low-passed, and reversals included."""
-    states, tau = stack_states(motions), np.concatenate([motion.tau for motion in motions])
-    keep, lengths = np.concatenate([fitted_mask(motion, min_speed) for motion in motions]), tuple(map(len, motions))
-    q, dq, ddq = (states[name] for name in ("q", "dq", "ddq"))
-    zeros, noise = np.zeros_like(q), np.zeros(q.shape[1])
-    return FitCase(model, q, dq, ddq, zeros, tau, keep, lengths, noise, memory=states.get("memory"))
+    rows, zeros = [np.arange(len(motion)) for motion in motions], [np.zeros_like(motion.q) for motion in motions]
+    return _stacked_case(model, motions, rows, min_speed, zeros[0][0], [x == 0 for x in zeros], zeros)
+
+
+def _stacked_case(
+    model: Model, motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], min_speed: tuple[float, ...] | None,
+    noise: Array, masks: Sequence[NDArray[np.bool_]], jerks: Sequence[Array],
+) -> FitCase:  # fmt: skip
+    """Return the case of the ``rows`` of motions where ``masks`` (N, n) are True, with their ``jerks`` (N, n)."""
+    pairs, states = list(zip(motions, rows, strict=True)), stack_states(motions, rows)
+    tau = np.concatenate([motion.tau[indices] for motion, indices in pairs])
+    dddq, keep = (
+        np.concatenate([x[indices] for x, indices in zip(arrays, rows, strict=True)]) for arrays in (jerks, masks)
+    )
+    keep &= np.concatenate([fitted_mask(motion, min_speed, indices) for motion, indices in pairs])
+    q, dq, ddq, lengths = states["q"], states["dq"], states["ddq"], tuple(map(len, rows))
+    return FitCase(model, q, dq, ddq, dddq, tau, keep, lengths, noise, memory=states.get("memory"))
 
 
 def _noise_variance(
@@ -284,12 +283,15 @@ class Misfit(Noun):
         return min(MIN_EXPLAINED_SHARE, COLOURED_NOISE_SHARE * coloured)
 
     @property
+    def unweighted(self) -> Array:
+        """Residual (M, n) in N m or N, zero for samples that do not count."""
+        return np.where(self.case.keep, self.case.tau - self.predicted, 0.0)
+
+    @property
     def error(self) -> Array:
         """Relative error (n) of each joint's torque."""
-        counted = np.where(self.case.keep, self.case.tau, 0.0)
-        residual = np.where(self.case.keep, self.case.tau - self.predicted, 0.0)
-        torque = np.linalg.norm(counted, axis=0)
-        return np.asarray(np.linalg.norm(residual, axis=0) / np.where(torque > 0, torque, 1.0))
+        torque = np.linalg.norm(np.where(self.case.keep, self.case.tau, 0.0), axis=0)
+        return np.asarray(np.linalg.norm(self.unweighted, axis=0) / np.where(torque > 0, torque, 1.0))
 
     def orthogonal_part(self, columns: Array) -> Array:
         """Return the weighted part (K, M, n) of columns (K, M, n) that is orthogonal to the regressor."""

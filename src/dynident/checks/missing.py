@@ -29,7 +29,8 @@ from dynident.checks.robot_notes import (
     TermLeftOut,
     Unexplained,
 )
-from dynident.checks.suspects import MIN_STANDARD_ERRORS, find_ripple, motion_shapes, rms_speed
+from dynident.checks.suspects import MIN_STANDARD_ERRORS, find_ripple, motion_shapes
+from dynident.checks.torque import rms_speed
 from dynident.identification.terms import TermChoice, TrialOutcome
 from dynident.identification.verdict_rules import SPEED_FACTOR
 from dynident.models import INERTIAL, Model
@@ -77,9 +78,7 @@ def cost(before: Misfit, after: Misfit) -> Cost:
 
 def mean_square(fit: Misfit) -> Array:
     """Return the mean squared residual (n) of the samples that count."""
-    mask = fit.case.keep
-    residual = np.where(mask, fit.case.tau - fit.predicted, 0.0)
-    return np.asarray(np.square(residual).sum(axis=0) / np.maximum(mask.sum(axis=0), 1))
+    return np.asarray(np.square(fit.unweighted).sum(axis=0) / np.maximum(fit.case.keep.sum(axis=0), 1))
 
 
 def _faster_torque(fit: Misfit) -> Array:
@@ -211,7 +210,7 @@ def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, A
     age = np.linspace(-1.0, 1.0, len(case.q))  # a drift grows linearly over all logs, in their order
     torque_derivative = torque_rate(fit, case)
     friction_jumps = _has_coulomb(case)
-    by_motion = motion_shapes(case, rms_speed(fit.case))
+    by_motion = motion_shapes(case, rms_speed(fit.case.dq))
     torque, rms_torque = case.torque(fit.theta), np.maximum(np.sqrt(np.mean(fit.torque**2, axis=0)), 1e-12)
     load_ratio = np.minimum(np.abs(torque), np.abs(fit.torque).max(axis=0)) / rms_torque  # beyond, nobody knows
     # each shape is made only when it is asked for, as their columns together are large
@@ -336,9 +335,8 @@ def unexplained_findings(fit: Misfit) -> Iterator[Finding]:
     Samples near reversals do not count, as everywhere in the low-passed torque.
     """
     case, counted = fit.case, fit.case.keep
-    residual = np.where(counted, case.tau - fit.predicted, 0.0)
     # subtract the expected white noise, which no model explains
-    power = np.maximum(np.square(residual).sum(axis=0) - counted.sum(axis=0) * case.noise, 0.0)
+    power = np.maximum(np.square(fit.unweighted).sum(axis=0) - counted.sum(axis=0) * case.noise, 0.0)
     torque = np.square(np.where(counted, case.tau, 0.0)).sum(axis=0)
     share = 100.0 * float(np.sqrt(power.sum() / (torque.sum() or np.inf)))
     if share > MAX_SIMULATION_COST:
@@ -371,7 +369,7 @@ def _smooth_friction_width(case: FitCase, fit: Misfit, j: int) -> float:
 
     It turns with the velocity alone; backlash and elastic gears come after a reversal, and stay unexplained.
     """
-    speed = max(float(np.sqrt(np.mean(case.dq[:, j] ** 2))), 1e-12)
+    speed = float(rms_speed(case.dq)[j])
     # each width is fitted with all parameters of the model free, also the Coulomb friction with its jump
     remaining = {}
     for width in (share * speed for share in SMOOTH_WIDTHS):

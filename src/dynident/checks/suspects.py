@@ -13,6 +13,7 @@ import numpy as np
 from dynident.checks import robot_notes
 from dynident.checks.misfit import MAX_CUTOFF, FitCase, Misfit, ScoreTest, column_of_joint, misfit
 from dynident.checks.robot_notes import Rival, SuspectedValue, SuspectQuantity, TermKind
+from dynident.checks.torque import rms_speed
 from dynident.models import Joint, Model
 from dynident.models.robot_files import RobotJoint
 from dynident.runtime import Noun
@@ -161,15 +162,10 @@ def motion_shapes(case: FitCase, speed: Array) -> dict[TermKind, Callable[[int],
     }
 
 
-def rms_speed(case: FitCase) -> Array:
-    """Return the rms velocity (n) of each joint, more than zero."""
-    return np.asarray(np.maximum(np.sqrt(np.mean(case.dq**2, axis=0)), 1e-12))
-
-
 def _own_effects(fit: Misfit, j: int) -> list[Array]:
     """Return the columns (M, n) of friction, spring, rotor and ripple of a joint."""
     case, ripple = fit.case, find_ripple(fit, j)
-    shapes = [shape(j) for shape in motion_shapes(case, rms_speed(case)).values()]
+    shapes = [shape(j) for shape in motion_shapes(case, rms_speed(case.dq)).values()]
     if ripple is not None:
         shapes += [wave(2 * np.pi / ripple[0] * case.q[:, j]) for wave in (np.sin, np.cos)]
     return [column_of_joint(case, j, x) for x in shapes]

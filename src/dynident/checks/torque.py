@@ -177,7 +177,7 @@ def agreement(model: Model, motions: Sequence[Motion]) -> tuple[Agreement, ...]:
         has_nominal = np.ptp(file_torque[:, j]) > 0
         coefficients = np.linalg.lstsq(np.column_stack([columns, *gravity_columns]), tau[:, j])[0]
         friction_power = coefficients[1] * np.mean(dq[:, j] ** 2) + coefficients[2] * np.mean(columns[:, 2] * dq[:, j])
-        power = _rms_speed(dq, j) * max(float(np.sqrt(np.mean(tau[:, j] ** 2))), 1e-300)
+        power = rms_speed(dq)[j] * max(float(np.sqrt(np.mean(tau[:, j] ** 2))), 1e-300)
         compared = _partial_regression(file_torque[:, j], tau[:, j], columns) if has_nominal else (np.nan,) * 3
         balance = np.column_stack([columns, *gravity_columns, q[:, j]])
         balanced = _partial_regression(file_torque[:, j], tau[:, j], balance)[1] if has_nominal else np.nan
@@ -187,15 +187,15 @@ def agreement(model: Model, motions: Sequence[Motion]) -> tuple[Agreement, ...]:
     return tuple(agreements)
 
 
-def _rms_speed(dq: Array, joint: int) -> float:
-    """Return the rms speed of a joint."""
-    return max(float(np.sqrt(np.mean(dq[:, joint] ** 2))), 1e-12)
+def rms_speed(dq: Array) -> Array:
+    """Return the rms velocity (n) of each joint, more than zero."""
+    return np.asarray(np.maximum(np.sqrt(np.mean(dq**2, axis=0)), 1e-12))
 
 
 def nuisance_columns(q: Array, dq: Array, ddq: Array, joint: int) -> Array:
     """Return the regressor columns (M, 4) of rotor inertia, viscous and Coulomb friction, and offset of a joint."""
     # a smooth sign, as the sign of a noisy velocity near zero is noise
-    sign = np.tanh(dq[:, joint] / (0.05 * _rms_speed(dq, joint)))
+    sign = np.tanh(dq[:, joint] / (0.05 * rms_speed(dq)[joint]))
     return np.column_stack([ddq[:, joint], dq[:, joint], sign, np.ones(len(q))])
 
 

@@ -61,14 +61,8 @@ const Scene = (() => {
     });
   }
 
-  function around({ box }, angle) {
-    const { x, y, z } = box.layout.scene.camera.eye;
-    const [c, s] = [Math.cos(angle), Math.sin(angle)];
-    return { "scene.camera.eye": { x: c * x - s * y, y: s * x + c * y, z } };
-  }
-
   // The newest pose wins where the drawing is slower than what asks for it.
-  async function paint(scene, angle = 0) {
+  async function paint(scene) {
     if (scene.busy || !scene.near) return void (scene.late = true);
     scene.busy = true;
     scene.late = false;
@@ -76,7 +70,7 @@ const Scene = (() => {
     const all = scene.moving.flatMap((_, i) => (scene.box.data[i].visible === false ? [] : [i]));
     const points = all.map((i) => moved(scene.moving[i], poses));
     const [x, y, z] = [0, 1, 2].map((axis) => points.map((one) => one[axis]));
-    await Plotly.update(scene.box, { x, y, z }, angle ? around(scene, angle) : {}, all);
+    await Plotly.restyle(scene.box, { x, y, z }, all);
     scene.busy = false;
     if (scene.late) paint(scene);
   }
@@ -91,7 +85,7 @@ const Scene = (() => {
   }
 
   // All that shows the run: scenes take the pose, figures the cursor.
-  function go(name, time, angle = 0) {
+  function go(name, time) {
     [shownRun, shownTime] = [name, time];
     for (const scene of scenes) {
       const run = scene.runs.find((one) => one.name === name);
@@ -99,7 +93,7 @@ const Scene = (() => {
       scene.run = run;
       scene.time = Math.min(Math.max(time, run.start), run.stop);
       tell(scene);
-      paint(scene, angle);
+      paint(scene);
     }
     followers.forEach(mark);
   }
@@ -137,13 +131,12 @@ const Scene = (() => {
   }
 
   function step(scene, stamp) {
-    if (!pressed(scene.play) && !pressed(scene.turn)) return;
+    if (!pressed(scene.play)) return;
     const passed = scene.last ? Math.min((stamp - scene.last) / 1000, 0.2) : 0;
     scene.last = stamp;
     if (!scene.busy) {
-      const { start, stop, name } = scene.run, angle = pressed(scene.turn) ? 0.4 * passed : 0;
-      if (pressed(scene.play)) go(name, scene.time + passed > stop ? start : scene.time + passed, angle);
-      else paint(scene, angle);
+      const { start, stop, name } = scene.run;
+      go(name, scene.time + passed > stop ? start : scene.time + passed);
     }
     requestAnimationFrame((next) => step(scene, next));
   }
@@ -157,15 +150,13 @@ const Scene = (() => {
   }
 
   function controls(scene, layers) {
-    const [play, turn, ...others] = scene.player.querySelectorAll("button");
-    Object.assign(scene, { play, turn, slider: scene.player.querySelector("input"), output: scene.player.querySelector("output") });
-    for (const button of [play, turn])
-      button.addEventListener("click", () => {
-        const idle = !pressed(play) && !pressed(turn);
-        button.setAttribute("aria-pressed", !pressed(button));
-        scene.last = 0;
-        if (idle) requestAnimationFrame((stamp) => step(scene, stamp));
-      });
+    const [play, ...others] = scene.player.querySelectorAll("button");
+    Object.assign(scene, { play, slider: scene.player.querySelector("input"), output: scene.player.querySelector("output") });
+    play.addEventListener("click", () => {
+      play.setAttribute("aria-pressed", !pressed(play));
+      scene.last = 0;
+      if (pressed(play)) requestAnimationFrame((stamp) => step(scene, stamp));
+    });
     others.forEach((button, k) => button.addEventListener("click", () => layer(scene, button, layers[k])));
     scene.slider.addEventListener("input", () => {
       const { name, start, stop } = scene.run;

@@ -4,17 +4,15 @@ import json
 from base64 import b64decode
 
 import numpy as np
-import pytest
 
+from dynident.models import Mesh, Solid, solid_surface
+from dynident.models.robot_files import ShapeKind
 from dynident.report import (
     Ellipsoid,
     Layer,
     MovingTrace,
     Replay,
-    SceneMesh,
-    box_mesh,
     centre_marks,
-    cylinder_mesh,
     ellipsoid_circles,
     legend_key,
     lighten_colour,
@@ -25,22 +23,8 @@ from dynident.report import (
 from tests.report.robots import tree
 
 BODIES = tree()
+CUBE = solid_surface(Solid("", 0, ShapeKind.BOX, (0.5, 0.5, 0.5), np.eye(4)))
 Q = np.random.default_rng(3).uniform(-1, 1, (6, len(BODIES.joints)))
-
-
-@pytest.mark.parametrize(
-    "mesh",
-    [
-        box_mesh("b", np.array([1.0, 2, 3]), np.array([0.2, 0.4, 0.6])),
-        cylinder_mesh("c", np.array([1.0, 2]), 0.3, -1.0, 2.0),
-    ],
-)
-def test_faces_look_outwards_and_close(mesh: SceneMesh) -> None:
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    normal, middle = np.cross(b - a, c - a), (a + b + c) / 3
-    assert ((normal * (middle - mesh.vertices.mean(axis=0))).sum(axis=1) > 0).all()
-    edges = [tuple(sorted((face[i], face[j]))) for face in mesh.faces.tolist() for i, j in ((0, 1), (1, 2), (2, 0))]
-    assert set(map(edges.count, edges)) == {2}  # each edge belongs to two faces
 
 
 def numbers(text: str) -> np.ndarray:
@@ -65,8 +49,7 @@ def poses(found: dict, q: np.ndarray) -> list[np.ndarray]:
 
 def test_bodies_follow_each_other_as_those_of_the_robot_do() -> None:
     """A tree with a prismatic joint, a branch, and a joint that mimics another."""
-    mesh = box_mesh("<b>", np.zeros(3), np.ones(3))
-    moving = MovingTrace(solid(mesh, "#000000"), mesh.vertices, np.full(8, 1))
+    moving = MovingTrace(solid("<b>", CUBE, "#000000"), CUBE.vertices, np.full(8, 1))
     figure = scene_figure(BODIES, [Replay("one", 0.0, 5.0, Q)], [moving])
     found = json.loads(figure.json())["motion"]
     q = numbers(found["replays"][0]["q"]).reshape(6, len(BODIES.arm.bodies))
@@ -75,18 +58,18 @@ def test_bodies_follow_each_other_as_those_of_the_robot_do() -> None:
         for b, pose in enumerate(poses(found["bodies"], q[k])):
             np.testing.assert_allclose(pose[:3, :3], placed.rotations[k, b], atol=1e-5)
             np.testing.assert_allclose(pose[:3, 3], placed.origins[k, b], atol=1e-5)
-    np.testing.assert_allclose(numbers(found["moving"][0]["points"]).reshape(-1, 3), mesh.vertices)
+    np.testing.assert_allclose(numbers(found["moving"][0]["points"]).reshape(-1, 3), CUBE.vertices)
     assert found["moving"][0]["body"] == [[1, 8]]
     assert figure.data[0]["name"] == "&lt;b&gt;"
     first = np.stack([figure.data[0][axis] for axis in "xyz"], axis=1)
-    np.testing.assert_allclose(first, placed.points([1] * 8, mesh.vertices)[0], atol=1e-6)
+    np.testing.assert_allclose(first, placed.points([1] * 8, CUBE.vertices)[0], atol=1e-6)
 
 
 def test_the_view_holds_all_that_moves_at_all_times() -> None:
-    mesh = box_mesh("b", np.array([0.0, 0, 0.2]), np.full(3, 0.1))
+    mesh = Mesh(0.1 * CUBE.vertices + np.array([0.0, 0, 0.2]), CUBE.triangles)
     last = len(BODIES.arm.bodies) - 1
-    moving = MovingTrace(solid(mesh, "#000000"), mesh.vertices, np.full(8, last))
-    hidden = MovingTrace(solid(mesh, "#000000", visible=False), 100 * mesh.vertices, np.full(8, last))
+    moving = MovingTrace(solid("b", mesh, "#000000"), mesh.vertices, np.full(8, last))
+    hidden = MovingTrace(solid("b", mesh, "#000000", visible=False), 100 * mesh.vertices, np.full(8, last))
     layers = [Layer("more", (1,), (0,))]
     figure = scene_figure(BODIES, [Replay("", 0.0, 1.0, Q)], [moving, hidden], [], layers)
     points = BODIES.placements(Q).points([last] * 8, mesh.vertices).reshape(-1, 3)

@@ -1,6 +1,6 @@
 """Robot models: sums of terms that are linear in their parameters, tau = Y(q, dq, ddq) theta."""
 
-from dynident.models.capsules import Outline, outlines
+from dynident.models.capsules import Outline, outlines, solid_surface
 from dynident.models.evaluation import MassMatrixCheck, drop_load_dependence, motion_memory
 from dynident.models.geometry import (
     Box,
@@ -13,6 +13,7 @@ from dynident.models.geometry import (
     Mesh,
     Obstacle,
     ShapeSource,
+    Solid,
     Space,
     rod_geometry,
 )

@@ -219,11 +219,11 @@ def outlines(
     """
     out = []
     for body, source in geometry.sources.items():
-        parts = [_solid_surface(shape) for shape in geometry.solids if shape.body == body]
+        parts = [solid_surface(shape) for shape in geometry.solids if shape.body == body]
         if source is ShapeSource.JOINTS and capsules is None:
-            parts.append(_solid_surface(joint_rod(geometry, body).solid))
+            parts.append(solid_surface(joint_rod(geometry, body).solid))
         elif source is ShapeSource.JOINTS:
-            parts = [_solid_surface(shape.solid) for shape in capsules or () if shape.body == body]
+            parts = [solid_surface(shape.solid) for shape in capsules or () if shape.body == body]
         if parts:
             parts = [simplify_mesh(shape, max(max_triangles // len(parts), 4)) for shape in parts]
             starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
@@ -264,7 +264,7 @@ def _cluster_vertices(mesh: Mesh, cell: float) -> Mesh:
     return Mesh(means, triangles[has_area][np.sort(first_rows)])
 
 
-def _solid_surface(solid: Solid) -> Mesh:
+def solid_surface(solid: Solid) -> Mesh:
     """Return the surface of a solid in the frame of its body."""
     size = np.array(solid.size)
     if solid.mesh is not None:

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.models import Outline, RigidBodies
+from dynident.models import Mesh, Outline, RigidBodies, Solid, solid_surface
+from dynident.models.robot_files import ShapeKind
 from dynident.report.figures import AMBER, INK, TEMPLATE, Array, Drawing, Trace, plain, trace
 from dynident.runtime import Noun
 
-CYLINDER_SIDES = 24  # of a cylinder
 METAL = ("#8fa7c4", "#5f7da3")  # of bodies, in turn
 STILL = "#9a9a9a"
 HEIGHT = 620
@@ -26,48 +26,9 @@ LIGHT = {"x": 600, "y": 1000, "z": 3000}
 SHINE = {"ambient": 0.6, "diffuse": 0.7, "specular": 0.15, "roughness": 0.8}
 CUBE_CORNERS = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
 Faces = NDArray[np.intp]
-PARALLEL_CORNERS, MERIDIAN_STEPS = 16, 8  # corners of a parallel of an ellipsoid, and steps from pole to pole
-CIRCLE_CORNERS = 32  # corners of a circle around it
+CIRCLE_CORNERS = 32  # corners of a circle around an ellipsoid
 LIGHTER_SHARE = 0.28  # share of the way to white
 MIN_AXIS_RATIO = 0.02  # least half axis, as a share of the largest: what is drawn of a rod or plate
-
-
-class SceneMesh(Noun):
-    """Triangles of a body: ``vertices`` (V, 3) in m in its frame, and ``faces`` (F, 3), indices of vertices."""
-
-    name: str
-    vertices: Array
-    faces: Faces
-
-
-def cylinder_mesh(name: str, centre: Array, radius: float, bottom: float, top: float) -> SceneMesh:
-    """Return an upright cylinder about ``centre`` (2)."""
-    angle = 2 * np.pi * np.arange(CYLINDER_SIDES) / CYLINDER_SIDES
-    circle = centre + radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    rings = [np.column_stack([xy, np.full(CYLINDER_SIDES, z)]) for xy, z in ((circle, bottom), (circle, top))]
-    middles = [[*centre, bottom], [*centre, top]]
-    a, b = np.arange(CYLINDER_SIDES), (np.arange(CYLINDER_SIDES) + 1) % CYLINDER_SIDES
-    low, high = np.full(CYLINDER_SIDES, 2 * CYLINDER_SIDES), np.full(CYLINDER_SIDES, 2 * CYLINDER_SIDES + 1)
-    # Two triangles per side, and one per side to the centre of each end
-    a_top, b_top = a + CYLINDER_SIDES, b + CYLINDER_SIDES
-    sides = [(a, b, b_top), (a, b_top, a_top), (b, a, low), (a_top, b_top, high)]
-    faces = np.concatenate([np.stack(corners, axis=1) for corners in sides])
-    return SceneMesh(name, np.concatenate([*rings, middles]), faces)
-
-
-def box_mesh(name: str, centre: Array, size: Array, axes: Array | None = None) -> SceneMesh:
-    """Return a box along the rows of ``axes`` (3, 3), by default x, y and z."""
-    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = [face for a, b, c, d in sides for face in ((a, b, c), (a, c, d))]
-    turned = np.eye(3) if axes is None else axes
-    return SceneMesh(name, np.asarray(centre) + (corners * size) @ turned, np.array(faces))
-
-
-def plate(name: str, height: float, reach: float) -> SceneMesh:
-    """Return a square about the z axis."""
-    corners = reach * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-    return SceneMesh(name, corners + np.array([0.0, 0.0, height]), np.array([[0, 1, 2], [0, 2, 3]]))
 
 
 class MovingTrace(Noun):
@@ -140,12 +101,12 @@ def scene_figure(
     return Drawing([*data, *still], _scene_layout(lengths), motion)
 
 
-def solid(mesh: SceneMesh, colour: str, opacity: float = 1.0, **more: Any) -> Trace:
+def solid(name: str, mesh: Mesh, colour: str, opacity: float = 1.0, **more: Any) -> Trace:
     """Return a mesh as a trace."""
     places = dict(zip("xyz", mesh.vertices.T.astype(np.float32), strict=True))
-    corners = dict(zip("ijk", mesh.faces.T.astype(np.int32), strict=True))
+    corners = dict(zip("ijk", mesh.triangles.T.astype(np.int32), strict=True))
     look = {"color": colour, "opacity": opacity, "flatshading": True, "lighting": SHINE, "lightposition": LIGHT}
-    return trace("mesh3d", **places, **corners, **look, name=plain(mesh.name), **{"hoverinfo": "name", **more})
+    return trace("mesh3d", **places, **corners, **look, name=plain(name), **{"hoverinfo": "name", **more})
 
 
 def _body_runs(body: Faces) -> list[tuple[int, int]]:
@@ -224,9 +185,8 @@ class Ellipsoid(Noun):
 
 def surface(outline: Outline, name: str, colour: str, opacity: float = 1.0, **more: Any) -> MovingTrace:
     """Return the surface of a body as a trace that moves with it."""
-    mesh = SceneMesh(name, outline.mesh.vertices, outline.mesh.triangles)
-    body = np.full(len(mesh.vertices), outline.body, dtype=np.intp)
-    return MovingTrace(solid(mesh, colour, opacity, **more), mesh.vertices, body)
+    body = np.full(len(outline.mesh.vertices), outline.body, dtype=np.intp)
+    return MovingTrace(solid(name, outline.mesh, colour, opacity, **more), outline.mesh.vertices, body)
 
 
 def lighten_colour(colour: str) -> str:
@@ -237,17 +197,18 @@ def lighten_colour(colour: str) -> str:
 
 def root_surface(outline: Outline) -> Trace:
     """Return the surface of the root link, with all that is fixed to it."""
-    return solid(SceneMesh(outline.link, outline.mesh.vertices, outline.mesh.triangles), STILL)
+    return solid(outline.link, outline.mesh, STILL)
 
 
 def solid_ellipsoids(ellipsoids: Sequence[Ellipsoid], name: str) -> MovingTrace:
     """Return solid ellipsoids in one trace, each in its colour."""
-    points, faces = _unit_ball()
+    ball = solid_surface(Solid("", 0, ShapeKind.ELLIPSOID, (1.0, 1.0, 1.0), np.eye(4)))
+    points, faces = ball.vertices, ball.triangles
     vertices = np.concatenate([ellipsoid.map_points(points) for ellipsoid in ellipsoids])
-    mesh = SceneMesh(name, vertices, np.concatenate([faces + k * len(points) for k in range(len(ellipsoids))]))
+    mesh = Mesh(vertices, np.concatenate([faces + k * len(points) for k in range(len(ellipsoids))]))
     colours = [ellipsoid.colour for ellipsoid in ellipsoids for _ in faces]
     body = np.repeat([ellipsoid.body for ellipsoid in ellipsoids], len(points))
-    return MovingTrace(solid(mesh, ellipsoids[0].colour, facecolor=colours, hoverinfo="skip"), mesh.vertices, body)
+    return MovingTrace(solid(name, mesh, ellipsoids[0].colour, facecolor=colours, hoverinfo="skip"), vertices, body)
 
 
 def ellipsoid_circles(ellipsoids: Sequence[Ellipsoid], name: str) -> MovingTrace:
@@ -283,22 +244,3 @@ def path_trace(points: Array) -> Trace:
     x, y, z = points.astype(np.float32).T
     line = {"color": AMBER, "width": 3}
     return trace("scatter3d", x=x, y=y, z=z, mode="lines", line=line, name="path", hoverinfo="skip")
-
-
-def _unit_ball() -> tuple[Array, Faces]:
-    """Return a ball of radius 1: points (V, 3) and triangles (F, 3)."""
-    turn = 2 * np.pi * np.arange(PARALLEL_CORNERS) / PARALLEL_CORNERS
-    up = np.pi * np.arange(1, MERIDIAN_STEPS) / MERIDIAN_STEPS
-    rings = [np.stack((np.sin(u) * np.cos(turn), np.sin(u) * np.sin(turn), np.cos(u) + 0 * turn), 1) for u in up]
-    points = np.concatenate([*rings, [[0.0, 0, 1], [0, 0, -1]]])
-    corner, following = np.arange(PARALLEL_CORNERS), np.roll(np.arange(PARALLEL_CORNERS), -1)
-    last = (MERIDIAN_STEPS - 2) * PARALLEL_CORNERS
-    # Fans of triangles around both poles, then two triangles per cell between neighbouring parallels
-    corners = [
-        (len(points) - 2 + 0 * corner, corner, following),
-        (len(points) - 1 + 0 * corner, last + following, last + corner),
-    ]
-    for low in range(0, last, PARALLEL_CORNERS):
-        high = low + PARALLEL_CORNERS
-        corners += [(low + corner, high + corner, high + following), (low + corner, high + following, low + following)]
-    return points, np.concatenate([np.stack(three, axis=1) for three in corners])

@@ -27,17 +27,14 @@ from dynident.apps.excitation.robot import ExcitationProject
 from dynident.apps.excitation.trajectory import Trajectory
 from dynident.apps.excitation.verify import QUANTITIES
 from dynident.identification import versions
-from dynident.models import Box, Floor, Geometry, Obstacle, ShapeSource, outlines
+from dynident.models import Box, Floor, Geometry, Mesh, Obstacle, ShapeSource, Solid, outlines, solid_surface
+from dynident.models.robot_files import ShapeKind
 from dynident.regression import UnexcitedParameters
 from dynident.report import (
     METAL,
     STILL,
     Replay,
-    SceneMesh,
-    box_mesh,
-    cylinder_mesh,
     path_trace,
-    plate,
     root_surface,
     scene_figure,
     solid,
@@ -138,7 +135,7 @@ def arm_view(project: ExcitationProject, design: Design) -> Figure | None:
     reach = float(np.abs(path[:, :2]).max()) + FLOOR_MARGIN
     still = [
         *(root_surface(shape) for shape in shapes if shape.body < 0),
-        *(solid(obstacle_mesh(shape, reach), STILL, 0.35) for shape in project.obstacles),
+        *(solid(shape.name, obstacle_mesh(shape, reach), STILL, 0.35) for shape in project.obstacles),
         path_trace(path),
     ]
     figure = scene_figure(bodies, [Replay("", 0.0, stop, q)], moving, still)
@@ -147,15 +144,21 @@ def arm_view(project: ExcitationProject, design: Design) -> Figure | None:
     return Figure(figure, _VIEW_NOTE)
 
 
-def obstacle_mesh(obstacle: Obstacle, reach: float) -> SceneMesh:
+def obstacle_mesh(obstacle: Obstacle, reach: float) -> Mesh:
     """Return an obstacle as triangles; one without end is drawn as far as the arm reaches, ``reach`` (m)."""
     if isinstance(obstacle, Floor):
-        return plate(obstacle.name, obstacle.height, reach)
+        corners = reach * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+        return Mesh(corners + np.array([0.0, 0.0, obstacle.height]), np.array([[0, 1, 2], [0, 2, 3]]))
+    frame = np.eye(4)
     if isinstance(obstacle, Box):
-        return box_mesh(obstacle.name, *(np.array(x) for x in (obstacle.centre, obstacle.size, obstacle.axes)))
+        frame[:3, :3], frame[:3, 3] = np.transpose(obstacle.axes), obstacle.centre
+        half = tuple(0.5 * np.array(obstacle.size))
+        return solid_surface(Solid(obstacle.name, -1, ShapeKind.BOX, half, frame))
     bottom = obstacle.bottom if np.isfinite(obstacle.bottom) else min(-reach, obstacle.top - OPEN_CYLINDER_HEIGHT)
     top = obstacle.top if np.isfinite(obstacle.top) else max(reach, bottom + OPEN_CYLINDER_HEIGHT)
-    return cylinder_mesh(obstacle.name, np.array(obstacle.centre), obstacle.radius, bottom, top)
+    frame[:3, 3] = *obstacle.centre, (bottom + top) / 2
+    size = obstacle.radius, (top - bottom) / 2
+    return solid_surface(Solid(obstacle.name, -1, ShapeKind.CYLINDER, size, frame))
 
 
 def _distance_blocks(project: ExcitationProject, design: Design) -> Iterator[PageBlock]:

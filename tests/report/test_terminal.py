@@ -10,7 +10,7 @@ import rich.console
 from rich.cells import cell_len
 
 from dynident.report.page import Column, PageTable
-from dynident.report.terminal import terminal_table
+from dynident.report.terminal import TerminalTable
 
 JOINTS = tuple(f"robot_cell_left_manipulator_arm_joint_{k}_x" for k in range(7))
 WORDS = Column("joint", numeric=False)
@@ -18,7 +18,7 @@ WORDS = Column("joint", numeric=False)
 
 def printed(table, width=80):
     console = rich.console.Console(width=width, file=io.StringIO(), color_system=None)
-    console.print(terminal_table(table))
+    console.print(TerminalTable(table))
     return console.file.getvalue()
 
 

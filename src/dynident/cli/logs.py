@@ -182,7 +182,7 @@ def smooth(
     from dynident.motion.splines import Fixed, rule_by_name
     from dynident.project.columns import read_name
     from dynident.project.fields import unit_factor
-    from dynident.report.identification.validation import StampColumn, smooth_columns, smoothing_page, smoothing_table
+    from dynident.report.identification.validation import smooth_columns, smoothing_page, smoothing_table
     from dynident.runtime import ConfigError
 
     if lam is not None and rule != "constraint":
@@ -201,8 +201,8 @@ def smooth(
             )
         parsed_name = read_name(time_column, ())
         time_unit = unit or file_unit or (parsed_name.unit if parsed_name.role == "time" else None) or "s"
-        time = StampColumn(time_column, unit_factor(time_unit, "time", "--time-unit"))
-        smoothed = smooth_columns(table, time, columns, smoothing_rule, sigma)
+        seconds = unit_factor(time_unit, "time", "--time-unit")
+        smoothed = smooth_columns(table, time_column, seconds, columns, smoothing_rule, sigma)
         page = smoothing_page(log.name, smoothed.names, smoothed.measured, smoothed.fit)
         written = folder.replace({"smoothed.csv": smoothed.frame().write_csv(), "report.html": page})
     screen = console()

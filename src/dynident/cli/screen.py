@@ -45,13 +45,13 @@ class Screen(Console):
 
     def show(self, table: PageTable, detail: bool = False) -> None:
         """Print a table; a ``detail`` only with ``--verbose``."""
-        from dynident.report.terminal import terminal_table
+        from dynident.report.terminal import TerminalTable
 
         columns = tuple(
             replace(column, title=one_line(column.title), group=one_line(column.group)) for column in table.columns
         )
         rows = tuple(tuple(map(one_line, row)) for row in table.rows)
-        shown = terminal_table(replace(table, columns=columns, rows=rows, caption=one_line(table.caption)))
+        shown = TerminalTable(replace(table, columns=columns, rows=rows, caption=one_line(table.caption)))
         self.print_and_log(shown, silent=detail and not command_log().verbose)
 
     def print_and_log(self, content: RenderableType, no_wrap: bool = False, silent: bool = False) -> None:

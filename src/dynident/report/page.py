@@ -215,11 +215,6 @@ class Beside:
     right: tuple[PageBlock, ...]
     wide: Literal["left", "right"] = "right"
 
-    @property
-    def blocks(self) -> tuple[PageBlock, ...]:
-        """All blocks, as they follow where there is no room."""
-        return (*self.left, *self.right)
-
 
 PageBlock = str | tuple[str, ...] | PageTable | Facts | Code | Figure | PageSection | Fold | Gallery | Beside
 

@@ -27,7 +27,6 @@ from dynident.report.identification.parameters import terminal_parameters
 from dynident.report.identification.report import verdict_text
 from dynident.report.identification.validation import error_table
 from dynident.report.page import Column, PageTable
-from dynident.report.words import logs_of
 from dynident.runtime import InputError, Use, choices, join_names, number, shorten_names
 
 if TYPE_CHECKING:
@@ -61,11 +60,6 @@ class TerminalTable:
         for part in _table_parts(self.table, width, gap):
             yield from _part_lines(self.table, part, width, gap)
             yield Text()
-
-
-def terminal_table(table: PageTable) -> TerminalTable:
-    """Return the table for a terminal."""
-    return TerminalTable(table)
 
 
 def _table_parts(table: PageTable, width: int, gap: int) -> list[list[int]]:
@@ -305,7 +299,7 @@ class Plot:
     def _select(self, log: str | None, joint: str | None) -> tuple[LogValidation, Joint]:
         logs = {validation.name: validation for validation in self.identification.validations}
         if log is None:
-            log = next(iter(logs_of(self.identification, "validation")), next(iter(logs.values()))).name
+            log = next(iter(self.identification.of_role("validation")), next(iter(logs.values()))).name
         if log not in list(logs):
             raise InputError(f"there is no log {log!r}; {choices(log, logs)}")
         joints = {axis.name: axis for axis in self.identification.model.joints}

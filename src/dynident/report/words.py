@@ -40,11 +40,6 @@ def note_lines(notes: Iterable[Note]) -> list[Line]:
     return [Line(f"{note.severity.prefix}{note}", note.severity) for note in notes]
 
 
-def logs_of(identification: Identification, role: str) -> list[LogValidation]:
-    """Return the logs of a role, "train" or "validation"."""
-    return [log for log in identification.validations if log.role == role]
-
-
 def motion_known(identification: Identification) -> str:
     """Return whether the standard errors count the errors of the motion, and what they do not count, as sentences."""
     if identification.estimate.information is not None:

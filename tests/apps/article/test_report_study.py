@@ -6,7 +6,7 @@ import rich.console
 
 from dynident.apps.article import findings, study_page, study_tables, study_text
 from dynident.report.page import plotly_packed
-from dynident.report.terminal import terminal_table
+from dynident.report.terminal import TerminalTable
 from tests.report.conftest import TRUE, Case, Reproduction, cases
 
 
@@ -77,7 +77,7 @@ def test_tables_are_numbered_and_laid_out_as_in_the_article(reproduction):
 
 
 def test_published_values_stand_beside_the_own_ones(reproduction):
-    shown = text_of(*map(terminal_table, study_tables(reproduction)[:2]))
+    shown = text_of(*map(TerminalTable, study_tables(reproduction)[:2]))
     first = next(line for line in shown.splitlines() if line.startswith("theta1"))
     assert first.split()[:2] == ["theta1", "0.03400"]
     assert "0.0367" in shown

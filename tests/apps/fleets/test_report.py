@@ -27,7 +27,7 @@ from dynident.apps.fleets.report import fleet_findings, fleet_heading, fleet_pag
 from dynident.models import Joint
 from dynident.regression import GroupKind
 from dynident.report.page import plotly_packed
-from dynident.report.terminal import terminal_table
+from dynident.report.terminal import TerminalTable
 from dynident.runtime.jobs import Status
 from tests.apps.article.test_report_study import text_of
 from tests.report.fleets import MEAN, NONE, PAYLOAD, RESIDUAL, SIZE, STD, change, fleet, groups, history
@@ -288,7 +288,7 @@ def test_torque_that_the_model_leaves_is_worded_with_what_to_do_and_drawn(found)
     assert page.count("torque that the model leaves at elbow rose") >= 2  # in words and below the figure
     assert "torque that the model leaves at shoulder" in page  # side by side
     assert "Robots of type ur10" in page
-    assert "+50.0 +- 3.0 %" in text_of(*map(terminal_table, fleet_tables(made)), width=160)
+    assert "+50.0 +- 3.0 %" in text_of(*map(TerminalTable, fleet_tables(made)), width=160)
 
 
 def test_a_direction_that_no_log_shows_is_not_named():
@@ -367,7 +367,7 @@ def test_many_changes_are_counted_and_few_are_drawn():
 
 
 def test_tables_of_a_terminal(found):
-    shown = text_of(*map(terminal_table, fleet_tables(found)), width=100)
+    shown = text_of(*map(TerminalTable, fleet_tables(found)), width=100)
     lines = shown.splitlines()
     assert lines[0] == "Changes, worst first"
     assert lines[3].startswith("arm-0  payload at elbow")

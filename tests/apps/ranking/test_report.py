@@ -12,7 +12,7 @@ from dynident.apps.ranking.page import ranking_page
 from dynident.apps.ranking.report import ranking_dict, ranking_findings, ranking_heading, ranking_tables
 from dynident.checks.motion_notes import LoopDiffers
 from dynident.files.results import json_text
-from dynident.report.terminal import terminal_table
+from dynident.report.terminal import TerminalTable
 from dynident.runtime import Finding, Remark, Severity
 from tests.report.rankings import ranking, untold
 
@@ -166,7 +166,7 @@ def test_tables_fit_a_terminal() -> None:
     console = Console(width=80, record=True)
     for table in ranking_tables(ranking(6, 10)):
         assert len(table.rows) == 3
-        console.print(terminal_table(table))
+        console.print(TerminalTable(table))
     text = console.export_text()
     assert max(map(len, text.splitlines())) <= 80
     assert "take" in text

@@ -30,7 +30,7 @@ from dynident.report.identification import (
     result_words,
 )
 from dynident.report.page import plotly_packed
-from dynident.report.terminal import terminal_table
+from dynident.report.terminal import TerminalTable
 from dynident.report.words import Line
 from dynident.runtime import Finding, Remark, Severity
 from tests.report.conftest import identification_of
@@ -174,7 +174,7 @@ def test_the_page_says_whether_errors_count_those_of_the_motion_and_how_fast_the
 def test_terminal_tables_hold_parameters_and_errors(identification):
     console = rich.console.Console(width=100, file=io.StringIO(), color_system=None)
     parameters, logs, joints = identification_tables(identification)
-    console.print(*map(terminal_table, (parameters, logs, joints)))
+    console.print(*map(TerminalTable, (parameters, logs, joints)))
     shown = console.file.getvalue()
     rows = {line.split()[0]: line.split() for line in shown.splitlines() if line.strip()}
     assert rows["theta1"][:6] == ["theta1", "0.03400", "0.00040", "1.2", "0.03400", "kg"]
@@ -214,7 +214,7 @@ def robot(bodies=5, basis=True):
 
 def printed(found):
     console = rich.console.Console(width=120, file=io.StringIO(), color_system=None)
-    console.print(*map(terminal_table, identification_tables(found)))
+    console.print(*map(TerminalTable, identification_tables(found)))
     return console.file.getvalue()
 
 

@@ -13,7 +13,7 @@ from dynident.apps.article.figures import efficiency_figure, spread_figure, trac
 from dynident.report import Array, method_name, scientific
 from dynident.report.mathml import formula
 from dynident.report.page import Column, Figure, Head, PageBlock, PageSection, PageTable, pair_table, render, typeset
-from dynident.report.terminal import terminal_table
+from dynident.report.terminal import TerminalTable
 from dynident.runtime import number
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ def study_text(reproduction: Reproduction) -> rich.console.Group:
 
     heading = Text(f"Scenario {reproduction.scenario}: {reproduction.description}")
     lines = (Text(f"* {line}") for line in findings(reproduction))
-    return Group(heading, Text(), *map(terminal_table, study_tables(reproduction)), *lines)
+    return Group(heading, Text(), *map(TerminalTable, study_tables(reproduction)), *lines)
 
 
 def findings(reproduction: Reproduction) -> list[str]:

@@ -28,7 +28,7 @@ from dynident.report.page import (
     pair_table,
     typeset,
 )
-from dynident.report.words import ROLES, day, figure_gallery, logs_of, points, settings_of
+from dynident.report.words import ROLES, day, figure_gallery, points, settings_of
 from dynident.runtime import count, join_names, number, percent, short
 from dynident.validation import MAX_LOST_ACCELERATION, FollowTest, LogValidation, follow_tests
 
@@ -141,7 +141,7 @@ def _excluded_time(log: LogValidation) -> float:
 
 def excitation_table(identification: Identification) -> tuple[PageBlock, ...]:
     """Return the text and the table of how the joints move in training, and how far held-out motion exceeds it."""
-    train, held_out = ([log.motion for log in logs_of(identification, role)] for role in ("train", "validation"))
+    train, held_out = ([log.motion for log in identification.of_role(role)] for role in ("train", "validation"))
     limits = identification.model.limits
     groups = [
         *[("from", "position"), ("to", "position")],

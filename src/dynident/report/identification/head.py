@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dynident.identification import Identification
-from dynident.report.words import ROLES, logs_of
+from dynident.report.words import ROLES
 from dynident.runtime import join_names, number
 from dynident.validation import FloorOrigin, LogValidation
 
@@ -21,7 +21,7 @@ def head_numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
     They are the error over what the sensors allow where that is known, the held-out error, its worst joint, and
     the free simulation or the error relative to the effort limit. Of a single joint the latter is the third.
     """
-    held_out, train = logs_of(identification, "validation"), logs_of(identification, "train")
+    held_out, train = identification.of_role("validation"), identification.of_role("train")
     logs, role_word = (held_out, "held out") if held_out else (train, "training")
     log = max(logs, key=_judged_error)
     yield from _floor_ratio(log)
@@ -48,7 +48,7 @@ def head_numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
 
 def worst_joint(identification: Identification) -> tuple[LogValidation, str] | None:
     """Return the joint with the largest relative error and its log, a held-out one where there is any."""
-    logs = logs_of(identification, "validation") or logs_of(identification, "train")
+    logs = identification.of_role("validation") or identification.of_role("train")
     worst = _largest([((log, joint), size) for log in logs for joint, size in _joint_errors(log).items()])
     return None if worst is None else worst[0]
 
@@ -130,7 +130,7 @@ def _joint_errors(log: LogValidation) -> dict[str, float]:
 def error_lines(identification: Identification) -> Iterator[str]:
     """Yield the torque errors of training and held-out logs, unfiltered."""
     for role, word in ROLES.items():
-        if logs := logs_of(identification, role):
+        if logs := identification.of_role(role):
             errors = (f"{log.name} {number(log.errors.relative_error, 3)} %" for log in logs)
             yield f"Torque error, {word}: {join_names(errors, MAX_LISTED)}"
 

@@ -46,7 +46,7 @@ from dynident.report.identification.validation import (
     unknown_noise,
 )
 from dynident.report.page import Badge, Beside, Facts, Figure, Fold, PageBlock, PageSection, PageTable, render
-from dynident.report.words import ROLES, Line, day, label_of, logs_of, note_lines
+from dynident.report.words import ROLES, Line, day, label_of, note_lines
 from dynident.runtime import Finding, Severity, Use, count, join_names, number, place_and_text
 from dynident.validation import residual_text
 
@@ -149,7 +149,7 @@ def identification_page(
 
 def _lead_text(identification: Identification) -> str:
     model = identification.model
-    by_word = {word: logs_of(identification, role) for role, word in ROLES.items()}
+    by_word = {word: identification.of_role(role) for role, word in ROLES.items()}
     logs = "; ".join(f"{word}: {join_names(log.name for log in logs)}" for word, logs in by_word.items() if logs)
     return (
         f"{count(len(model.parameters), 'parameter')} of {count(len(model.joints), 'joint')} from "

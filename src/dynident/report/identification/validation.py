@@ -220,14 +220,6 @@ def prediction_frame(logs: Sequence[tuple[LogValidation, bool]]) -> pl.DataFrame
     return pl.concat(parts)
 
 
-@dataclass(frozen=True)
-class StampColumn:
-    """The ``name`` of a column of time stamps, and their ``unit`` in s."""
-
-    name: str
-    unit: float = 1.0
-
-
 @dataclass(frozen=True, eq=False)
 class SmoothedTable:
     """Columns of a file with their spline: ``names`` (k) of ``measured`` (N, k), over the column ``time``.
@@ -253,27 +245,27 @@ class SmoothedTable:
 
 
 def smooth_columns(
-    table: Columns, time: StampColumn, columns: Sequence[str], rule: Rule, sigma: float | None = None
+    table: Columns, time: str, unit: float, columns: Sequence[str], rule: Rule, sigma: float | None = None
 ) -> SmoothedTable:
     """Smooth ``columns`` of a table, by default all but the ``time``; ``sigma`` in their unit, None: estimated.
 
-    Derivatives are per s.
+    Derivatives are per s; ``unit`` (s) is that of the stamps.
 
     Raises InputError for columns that are missing, differ in length or cannot be smoothed, ConfigError where a column
     has the name of another one's derivative.
     """
-    stamps = table.column(time.name)
-    names = tuple(columns) or tuple(name for name in table.columns if name != time.name)
+    stamps = table.column(time)
+    names = tuple(columns) or tuple(name for name in table.columns if name != time)
     if not names:
-        raise InputError(f"{table.source}: holds no column besides {time.name!r} to smooth.")
+        raise InputError(f"{table.source}: holds no column besides {time!r} to smooth.")
     derivatives = [f"{prefix}{name}" for prefix in _PREFIXES[1:] for name in names]
-    if clash := next((name for name in derivatives if name in (*names, time.name)), None):
+    if clash := next((name for name in derivatives if name in (*names, time)), None):
         raise ConfigError(f"{table.source}: {clash!r} would name both a column and a derivative; choose with --column.")
     if wrong := [name for name in names if len(table.column(name)) != len(stamps)]:
-        raise InputError(f"{table.source}: column {wrong[0]!r} and {time.name!r} differ in length.")
+        raise InputError(f"{table.source}: column {wrong[0]!r} and {time!r} differ in length.")
     measured = np.column_stack([table.column(name) for name in names])
-    fit = smooth(time.unit * stamps, measured, rule, sigma=sigma)
-    return SmoothedTable(time.name, stamps, names, measured, fit)
+    fit = smooth(unit * stamps, measured, rule, sigma=sigma)
+    return SmoothedTable(time, stamps, names, measured, fit)
 
 
 def smoothing_table(names: Sequence[str], fit: SmoothingSpline) -> PageTable:

@@ -85,7 +85,7 @@ def test_the_spread_of_scores_is_that_of_what_shows_the_direction(
 
 
 def test_the_threshold_rises_by_one_where_the_rate_falls_by_e() -> None:
-    limits = [threshold(rate, 5.0, (2, 2), 60.0, np.random.default_rng(0), 120).evidence for rate in (1.0, np.exp(-1))]
+    limits = [threshold(rate, 5.0, (2, 2), 60.0, np.random.default_rng(0), 120) for rate in (1.0, np.exp(-1))]
     assert limits[1] - limits[0] == pytest.approx(1.0)
 
 
@@ -96,7 +96,7 @@ BASELINE, SETTLE, START = 60, 6, 100  # blocks: of the baseline, after an alarm,
 def detector(rate: float = 0.03, tolerance: float = 0.0) -> Detector:
     of = candidates(tolerance)
     limit = threshold(rate, 5.0, of.ranks, BASELINE / 2, np.random.default_rng(0), BASELINE)
-    return Detector(of, BASELINE, SETTLE, limit.evidence, np.ones(2))
+    return Detector(of, BASELINE, SETTLE, limit, np.ones(2))
 
 
 def stepped(of: Detector, known: Knowledge, blocks: Iterable[Scores]) -> tuple[Knowledge, list[Event]]:

@@ -36,6 +36,7 @@ from dynident.runtime.arrays import Array
 
 HOW = WatchSettings(block=1.0, baseline=25.0, settle=6.0)
 RATE = 100.0
+CLOCK = "last", "step", "back", "replay"  # of a state
 COUNT = 2 * np.pi / 2**17  # rad, of an encoder
 
 
@@ -115,7 +116,7 @@ def test_single_samples_are_watched_as_many_are() -> None:
         events += one.push(t[k : k + 1], q[k : k + 1], tau[k : k + 1])
     assert [repr(event) for event in events] == [repr(event) for event in expected]
     assert types(expected) == [Gap, Fault, Back]
-    for name in ("clock", "rest", "deaf", "smoothing"):
+    for name in (*CLOCK, "moved", "refused", "deaf", "smoothing"):
         assert repr(one.state[name]) == repr(whole.state[name]), name
     for part in ("sensors", "tracker"):
         for name, value in one.state[part].items():
@@ -144,7 +145,7 @@ def test_samples_that_come_again_are_left_out() -> None:
     other.resume_by_replay()
     t, q, tau = (np.concatenate([a, b]) for a, b in zip(samples(0, 30), samples(30, 40), strict=True))
     other.push(t, q, tau)
-    assert repr(one.state["clock"]) == repr(other.state["clock"])
+    assert [repr(one.state[name]) for name in CLOCK] == [repr(other.state[name]) for name in CLOCK]
     assert len(one.knowledge.windows) == len(other.knowledge.windows) > 0
     for a, b in zip(one.knowledge.windows, other.knowledge.windows, strict=True):
         np.testing.assert_array_equal(a.score, b.score)

@@ -5,7 +5,7 @@ change.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynident.apps.online.scores import Reference, Scores, Sums
 from dynident.regression import GroupKind, ParameterGroup
-from dynident.runtime import Noun, brief
+from dynident.runtime import Noun
 from dynident.runtime.arrays import Array
 
 MIN_DIRECTION_SHARE = 1e-6  # of the largest information of a direction of the group: less is none
@@ -27,17 +27,6 @@ MAX_BLOCK_EVIDENCE = 12.0
 MIN_INFORMATION_SHARE = 1e-6  # of the largest information of a group's directions: less is none
 RESIDUAL_TOLERANCE = 0.1  # by which the logarithm of what is left of the torque may wander without being a change
 MIN_POSITIVE = 1e-300
-
-
-@dataclass(frozen=True)
-class Threshold:
-    """Evidence from which on a change is reported, at ``rate`` false alarms a day with blocks of ``block`` (s)."""
-
-    rate: float
-    block: float
-    evidence: float
-
-    __repr__ = brief
 
 
 def evidence(gain: Array, rank: NDArray[np.intp] | int, dof: float) -> Array:
@@ -79,7 +68,7 @@ def gains(scores: Array, information: Array, covariance: Array) -> tuple[Array, 
 
 def threshold(
     rate: float, block: float, ranks: Sequence[int], dof: float, rng: np.random.Generator, baseline: int
-) -> Threshold:
+) -> float:
     """Return the evidence that robots without a change reach ``rate`` times a day, for groups of ``ranks``
     directions.
 
@@ -103,7 +92,7 @@ def threshold(
     x = float(np.quantile(largest, 1 - EXCEEDED_SHARE))
     hourly = -np.log(1 - EXCEEDED_SHARE)  # alarms at x in an hour
     daily = hourly * 86_400.0 / (BLOCKS_PER_HOUR * block)
-    return Threshold(rate, block, x + float(np.log(daily / rate)))
+    return x + float(np.log(daily / rate))
 
 
 def _largest_gain(z: Array, reference_error: Array, baseline: int) -> Array:

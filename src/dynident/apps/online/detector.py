@@ -198,23 +198,15 @@ MAX_LIKELIHOOD_LOSS = 1.92  # log-likelihood that the true start of a change los
 MIN_SURE_EVIDENCE = 7.0  # evidence, of the blocks after an alarm, that it was none by chance: one test in a thousand
 
 
-class Phase(StrEnum):
-    """Purpose of the next block."""
-
-    BASELINE = "baseline"
-    WATCH = "watch"
-    SETTLE = "settle"
-
-
 class Knowledge(Noun):
     """Knowledge after some blocks: all that the next one needs.
 
-    ``blocks`` are those of the baseline, or those since an ``alarm``; ``windows`` the sums that are tested;
+    Without a ``reference`` the next block is one of the baseline, after an ``alarm`` it shows what has changed; else it
+    is watched. ``blocks`` are those of the baseline, or those since the alarm; ``windows`` the sums that are tested;
     ``total`` (M) is the change since the baseline, in all directions; ``new`` is the number of blocks in a
     row that were of new motion.
     """
 
-    phase: Phase
     total: Array
     blocks: tuple[Scores, ...] = ()
     reference: Reference | None = None
@@ -239,18 +231,18 @@ class Detector(Noun):
 
     def start(self) -> Knowledge:
         """Return the knowledge before the first block."""
-        return Knowledge(Phase.BASELINE, np.zeros(self.candidates.directions.shape[1]))
+        return Knowledge(np.zeros(self.candidates.directions.shape[1]))
 
     def step(self, knowledge: Knowledge, block: Scores) -> tuple[Knowledge, tuple[Event, ...]]:
         """Return the knowledge after one more block, and the events."""
         if knowledge.reference is None:
             return self._extend_baseline(knowledge, block)
-        handle = self._watch if knowledge.phase is Phase.WATCH else self._settle
+        handle = self._watch if knowledge.alarm is None else self._settle
         return handle(knowledge, knowledge.reference, block)
 
     def differs(self, knowledge: Knowledge, block: Scores) -> bool:
         """Return whether a block alone surely differs from what is usual; False where that is not known yet."""
-        if knowledge.reference is None or knowledge.phase is not Phase.WATCH:
+        if knowledge.reference is None or knowledge.alarm is not None:
             return False
         sums = self._window_sums(knowledge.reference, [block])
         return bool(self.candidates.evidence(knowledge.reference, sums, clipped=False).max() > MIN_SURE_EVIDENCE)
@@ -268,7 +260,7 @@ class Detector(Noun):
         reference = build_reference(blocks, self.candidates.directions)
         residual, identified = (tuple(map(float, values)) for values in (reference.residual, self.identified))
         event = BaselineKnown(block.stop, blocks[0].start, residual, identified)
-        return replace(knowledge, phase=Phase.WATCH, blocks=(), reference=reference), (event,)
+        return replace(knowledge, blocks=(), reference=reference), (event,)
 
     def _find_unsteady_group(self, early_blocks: Sequence[Scores], late_blocks: Sequence[Scores]) -> int | None:
         """Return the group that differs most between the halves of a baseline, None where that may be chance."""
@@ -296,7 +288,7 @@ class Detector(Noun):
         likely_starts, group = starts[evidence[g] >= evidence[g, w] - MAX_LIKELIHOOD_LOSS], self.candidates.groups[g]
         start_range = float(likely_starts.min()), float(likely_starts.max())
         alarm = Alarm(block.stop, group.kind, group.joint, float(starts[w]), start_range, float(evidence[g, w]))
-        return replace(knowledge, phase=Phase.SETTLE, alarm=alarm, windows=(), new=0), (alarm,)
+        return replace(knowledge, alarm=alarm, windows=(), new=0), (alarm,)
 
     def _settle(self, knowledge: Knowledge, reference: Reference, block: Scores) -> tuple[Knowledge, tuple[Event, ...]]:
         blocks = (*knowledge.blocks, block)
@@ -304,7 +296,7 @@ class Detector(Noun):
             return replace(knowledge, blocks=blocks), ()
         sums = self._window_sums(reference, blocks)
         changed_groups = self._select_groups(reference, sums)
-        knowledge = replace(knowledge, phase=Phase.WATCH, blocks=(), alarm=None)
+        knowledge = replace(knowledge, blocks=(), alarm=None)
         if not changed_groups:
             return knowledge, (Passed(block.stop, alarm.kind, alarm.joint, alarm.since),)
         return self._apply_changes(knowledge, reference, sums, changed_groups, replace(alarm, time=block.stop))

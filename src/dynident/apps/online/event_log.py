@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from dynident.apps.online.detector import BadLines, BaselineKnown, Changed, Event
@@ -14,27 +13,30 @@ from dynident.files.folder import ResultFolder
 EVENTS = "changes.jsonl"
 
 
+@dataclass
 class EventLog:
     """Counts events, and writes them to a folder; only the latest is kept.
 
     ``count`` is that of all events, ``changes`` that of the changes, ``baseline`` (s) when changes were first sought.
-    Bad lines that follow each other are one event.
+    ``events`` are the latest in the file, which may still grow, and those after it; ``position`` is the number of bytes
+    of the file before them. Bad lines that follow each other are one event.
     """
 
-    def __init__(self) -> None:
-        self.count, self.changes, self.baseline = 0, 0, math.nan
-        self._position = 0  # bytes of the file before the first of the events below
-        self._events = list[Event]()  # the latest in the file, which may still grow, and those after it
+    count: int = 0
+    changes: int = 0
+    baseline: float = math.nan
+    position: int = 0
+    events: tuple[Event, ...] = ()
 
     def add(self, event: Event) -> Event | None:
         """Take an event; return what is to be said, None for bad lines like those that were said."""
-        latest = self._events[-1] if self._events else None
+        latest = self.events[-1] if self.events else None
         if isinstance(event, BadLines) and isinstance(latest, BadLines) and event.line > latest.last:
             joined = replace(latest, time=event.time, count=latest.count + event.count, last=event.last)
-            self._events[-1] = joined
+            self.events = (*self.events[:-1], joined)
             # said again at ten times as many, so that a stream of bad lines does not flood who reads
             return joined if len(str(joined.count)) > len(str(latest.count)) else None
-        self._events.append(event)
+        self.events = (*self.events, event)
         self.count += 1
         self.changes += isinstance(event, Changed)
         self.baseline = event.time if isinstance(event, BaselineKnown) else self.baseline
@@ -42,26 +44,13 @@ class EventLog:
 
     def write(self, folder: ResultFolder | None) -> None:
         """Write the events that are new to the folder, and the latest before them, which may have grown."""
-        first = self.count - len(self._events) + 1
-        lines = [json.dumps({"id": k} | event_data(event)) + "\n" for k, event in enumerate(self._events, first)]
+        first = self.count - len(self.events) + 1
+        lines = [json.dumps({"id": k} | event_data(event)) + "\n" for k, event in enumerate(self.events, first)]
         if folder is not None and lines:
             # what a killed watch wrote beyond its state is replaced: its samples are read again
-            folder.write_from(EVENTS, self._position, "".join(lines))
-        self._position += len("".join(lines[:-1]))  # of ASCII
-        self._events = self._events[-1:]
-
-    @property
-    def state(self) -> dict[str, Any]:
-        """State in numbers and events, once all are written."""
-        return {
-            "count": self.count, "changes": self.changes, "baseline": self.baseline,
-            "position": self._position, "events": self._events,
-        }  # fmt: skip
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Continue from a saved state."""
-        self.count, self.changes, self.baseline = state["count"], state["changes"], state["baseline"]
-        self._position, self._events = state["position"], list(state["events"])
+            folder.write_from(EVENTS, self.position, "".join(lines))
+        self.position += len("".join(lines[:-1]))  # of ASCII
+        self.events = self.events[-1:]
 
 
 def event_data(event: Event) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps.online import candidates, detector, fixed_lag, scores
+from dynident.apps.online import detector, event_log, fixed_lag, scores
 from dynident.apps.online.detector import Event, Resumed
 from dynident.apps.online.event_log import EventLog
 from dynident.apps.online.recorded import RecordedFile, is_recorded
@@ -36,11 +36,11 @@ from dynident.project.saved import load
 from dynident.regression import GroupKind
 from dynident.runtime import ConfigError, InputError, report_progress
 
-FORMAT, VERSION = "dynident watch", 2
+FORMAT, VERSION = "dynident watch", 3
 # what a state may hold: the dataclasses and kinds of these files
 STATE_TYPES = [
     member
-    for module in (candidates, detector, fixed_lag, scores)
+    for module in (detector, event_log, fixed_lag, scores)
     for member in vars(module).values()
     if isinstance(member, type) and (member is GroupKind or member.__module__ == module.__name__)
 ]
@@ -190,7 +190,7 @@ class Watch:
             )
         self.watcher.restore(state["watcher"])
         self.reader.restore(state["reader"])
-        self.events.restore(state["events"])
+        self.events = state["events"]
         stream = self._open_stream(state["position"])
         # the samples may come again: the watcher then skips those that it knows
         if stream.found:
@@ -225,7 +225,7 @@ class Watch:
         if self.folder is None:
             return
         state = {
-            "key": self.key, "watcher": self.watcher.state, "reader": self.reader.state, "events": self.events.state,
+            "key": self.key, "watcher": self.watcher.state, "reader": self.reader.state, "events": self.events,
             "skipping": self.lines.skipping, "position": stream.position(len(self.lines.tail)),
         }  # fmt: skip
         self.folder.replace({STATE: state_bytes(state)})

@@ -49,6 +49,9 @@ MIN_REPORTED_GAP, MIN_REPORTED_REST = 1.0, 300.0  # s without a sample, or witho
 EMPTY_SPAN = (math.nan, math.nan, 0)  # first and last time (s) and samples of a block to begin
 MAX_TIME, MIN_STEP = 1e11, 1e-6  # s: stamps are within, and further apart
 GAP_STEP_GROWTH = 1.1  # of the usual step at a gap: after many in a row it was another
+SAVED = (  # attributes of a watcher that are its state, beside its parts
+    "smoothing", "known", "gram", "span", "waiting", "deaf", "moved", "refused", "last", "step", "back", "replay",
+)  # fmt: skip
 FILTER_MARGIN = 0.5  # s beside a torque that cannot be used, by filters
 
 
@@ -95,9 +98,8 @@ class Watcher:
         candidates = Candidates(self._groups(), self._scorer.scale, options.tolerance)
         blocks, settle = (max(2, round(x / options.block)) for x in (options.baseline, options.settle))
         dof = max(blocks / 2.0, 4.0)
-        self.threshold = threshold(options.false_alarms, options.block, candidates.ranks, dof, rng, blocks)
-        sigma = self._scorer.sigma
-        self._detector = Detector(candidates, blocks, settle, self.threshold.evidence, sigma)
+        evidence = threshold(options.false_alarms, options.block, candidates.ranks, dof, rng, blocks)
+        self._detector = Detector(candidates, blocks, settle, evidence, self._scorer.sigma)
         limits = [model.limits.get(name) for name in self.joints]
         self._sensors = Sensors(self.joints, [None if limit is None else limit.velocity or None for limit in limits])
         # build a tracker once: a result that cannot be followed is refused now
@@ -109,7 +111,7 @@ class Watcher:
         self._estimation: Generator[None, None, StreamSmoothing] | None = None  # of the smoothing; begun anew if lost
         self._gram, self._span = self._scorer.empty_gram, EMPTY_SPAN
         self._waiting = tuple[WaitingBlock, ...]()  # complete blocks of which a sensor may still be doubted
-        self._deaf = dict[int, tuple[float, float]]()  # by joint the times (s) of torques that cannot be used
+        self._deaf = dict[str, tuple[float, float]]()  # by joint the times (s) of torques that cannot be used
         self._moved = math.nan  # when it moved last, infinite once it was said that it does not
         self._refused = ""  # what was unreadable
         self._last, self._step, self._back, self._replay = math.nan, math.nan, 0, False
@@ -124,11 +126,6 @@ class Watcher:
         """Number of blocks of the baseline so far, and the number that it takes."""
         need = self._detector.baseline
         return (need if self._known.reference is not None else len(self._known.blocks)), need
-
-    @property
-    def groups(self) -> tuple[ParameterGroup, ...]:
-        """Groups that may change."""
-        return self._detector.candidates.groups
 
     @property
     def latest(self) -> float:
@@ -179,7 +176,7 @@ class Watcher:
                 events += self._release_blocks()
                 self._moved, self._step = time, GAP_STEP_GROWTH * self._step
                 if self._back >= CLOCK_RESET_SAMPLES:
-                    self._deaf = {j: (-math.inf, stop) for j, (_, stop) in self._deaf.items() if stop == math.inf}
+                    self._deaf = {name: (-math.inf, stop) for name, (_, stop) in self._deaf.items() if stop == math.inf}
                     if self._smoothing is not None:
                         self._tracker = self._make_tracker(self._smoothing)  # its stamps may only increase
             elif not math.isnan(step):
@@ -242,7 +239,7 @@ class Watcher:
                 self._moved = event.time
             else:
                 stop = math.inf if isinstance(event, Fault) else event.time
-                self._deaf[self.joints.index(event.joint)] = (event.since, stop)
+                self._deaf[event.joint] = (event.since, stop)
 
     def _release_blocks(self) -> list[Event]:
         """Pass the blocks to the detector of which no sensor is in doubt."""
@@ -251,10 +248,10 @@ class Watcher:
         while self._waiting and self._waiting[0][2] <= self._sensors.doubtful_since:
             (gram, start, stop, samples), *others = self._waiting
             self._waiting = tuple(others)
-            for j, (since, until) in self._deaf.items():
+            for joint, (since, until) in self._deaf.items():
                 # filters smear an unusable torque over its neighbourhood
                 if since - FILTER_MARGIN < stop and start < until + FILTER_MARGIN:
-                    gram = gram.without(j)
+                    gram = gram.without(self.joints.index(joint))
             if gram.rows.max() < MIN_MOVING_SHARE * samples:
                 continue
             self._moved = stop
@@ -376,25 +373,18 @@ class Watcher:
     @property
     def state(self) -> dict[str, Any]:
         """State as arrays, numbers, and data classes of this package; ``restore`` takes them again."""
-        return {
-            "known": self._known, "gram": self._gram, "span": self._span, "held": self._held,
-            "smoothing": self._smoothing, "threshold": self.threshold,
-            "tracker": None if self._tracker is None else self._tracker.state, "sensors": self._sensors.state,
-            "waiting": self._waiting, "rest": (self._moved, self._refused),
-            "deaf": [(j, *times) for j, times in self._deaf.items()],
-            "clock": (self._last, self._step, self._back, self._replay),
-        }  # fmt: skip
+        values = {name: getattr(self, f"_{name}") for name in SAVED}
+        tracker = None if self._tracker is None else self._tracker.state
+        parts = {"held": self._held, "tracker": tracker, "sensors": self._sensors.state}
+        return values | parts | {"threshold": self._detector.threshold}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from a saved state of a watcher of the same result and settings."""
-        self._known, self._gram, self._span = state["known"], state["gram"], tuple(state["span"])
-        self._parts, self._smoothing, self.threshold = [tuple(state["held"])], state["smoothing"], state["threshold"]
-        self._estimation = None
-        self._detector = replace(self._detector, threshold=self.threshold.evidence)
+        for name in SAVED:
+            setattr(self, f"_{name}", state[name])
+        self._parts, self._estimation = [tuple(state["held"])], None
+        self._detector = replace(self._detector, threshold=state["threshold"])
         self._sensors.restore(state["sensors"])
-        self._last, self._step, self._back, self._replay = state["clock"]
-        self._waiting, (self._moved, self._refused) = tuple(state["waiting"]), state["rest"]
-        self._deaf = {j: (since, until) for j, since, until in state["deaf"]}
         if self._smoothing is not None:
             self._tracker = self._make_tracker(self._smoothing)
             self._tracker.restore(state["tracker"])

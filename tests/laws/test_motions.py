@@ -65,7 +65,7 @@ def test_what_is_made_passes_the_last_check(kind, seed):
     assert verify(trajectory, feasible).reached.max() <= 1 + 1e-6
     # also as a controller plays it from its points, and once more slowly
     for times, rate in ((1.0, 1 / STEP), (1.0, 3 / STEP), (4.0, 0.25 / STEP)):
-        check_interpolant(sample_trajectory(slow_down(trajectory, times), rate), limits)
+        check_interpolant(*sample_trajectory(slow_down(trajectory, times), rate), limits)
     slow = min_fit_speeds(feasible.model, limits)
     for one in pieces:
         if one.purpose in (Purpose.FRICTION, Purpose.POSE):

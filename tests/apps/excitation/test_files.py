@@ -34,12 +34,12 @@ WIDE = replace(LIMITS, **{name: np.full(2, size) for name, size in
 
 
 def test_samples_end_where_the_motion_does_or_after() -> None:
-    one = sample_trajectory(motion(period=2.0), 7.0)
-    assert len(one.t) == 15
-    assert one.t[-1] == pytest.approx(2.0)
-    late = sample_trajectory(motion(period=1.99), 7.0)
-    assert len(late.t) == 15
-    np.testing.assert_allclose(late.q[-1], motion(period=1.99).states(np.array([1.99]))[0, 0])
+    t, _ = sample_trajectory(motion(period=2.0), 7.0)
+    assert len(t) == 15
+    assert t[-1] == pytest.approx(2.0)
+    t, states = sample_trajectory(motion(period=1.99), 7.0)
+    assert len(t) == 15
+    np.testing.assert_allclose(states[-1, 0], motion(period=1.99).states(np.array([1.99]))[0, 0])
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf, 1e9])
@@ -108,15 +108,15 @@ def test_a_recording_of_the_motion_is_read(robot: Path, tmp_path: Path) -> None:
     text = recording_config(read_excitation(robot, None, {"duration": 9}), out)
     assert "# ? columns and units" in text
     series = Fourier(2.0, 3)
-    one = sample_trajectory(
+    t, states = sample_trajectory(
         Trajectory(
             ("lift", "bend"), (Piece(LinearCourse(series, np.full((2, series.size), 0.1)), Purpose.MOTION),) * 4
         ),
         200.0,
     )
-    tau = MODEL.torque(one.q, one.dq, one.ddq, THETA)
+    tau = MODEL.torque(*states.transpose(1, 0, 2), THETA)
     for name in ("motion_recorded.csv", "validation_recorded.csv"):
-        table = np.column_stack([one.t, one.q, tau])
+        table = np.column_stack([t, states[:, 0], tau])
         np.savetxt(out / name, table, delimiter=",", header="t,q_lift,q_bend,tau_lift,tau_bend", comments="")
     project = parse_project(text, out / "identify.yaml")
     logs, _ = project.logs()

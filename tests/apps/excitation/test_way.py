@@ -116,7 +116,7 @@ def test_a_sweep_keeps_its_limits_and_ends_at_rest_where_it_should(speed, accele
     if not step:
         assert sweep.cruise == pytest.approx(extra / speed, abs=1e-9 * sweep.duration + 1e-12)
     else:
-        parts = sweep._edges / step
+        parts = sweep._way.x / step
         np.testing.assert_allclose(parts, np.round(parts), atol=1e-6)
 
 

@@ -26,7 +26,7 @@ from dynident.identification import SourceFile
 from dynident.models import Joint
 from dynident.project.explicit_config import relocate_settings, settings_text
 from dynident.project.settings import robot_settings
-from dynident.runtime import InputError, Noun
+from dynident.runtime import InputError
 from dynident.runtime.arrays import Array
 
 STATE_NAMES = ("q", "dq", "ddq")
@@ -45,33 +45,21 @@ _SLOW = "slower samples are left out of a joint's equation, where friction may h
 _COLUMNS = "? columns and units as your recorder has them; or draft this anew from the recordings, by `dynident init`"
 
 
-class SampledTrajectory(Noun):
-    """A trajectory at times t (N) s: ``q``, ``dq``, ``ddq`` (N, n), in rad or m, of the named joints."""
-
-    joints: tuple[str, ...]
-    t: Array
-    q: Array
-    dq: Array
-    ddq: Array
-
-
-def sample_trajectory(trajectory: Trajectory, rate: float) -> SampledTrajectory:
-    """Sample a trajectory at ``rate`` (Hz) from 0 to the first sample that is not before its end, where it rests.
+def sample_trajectory(trajectory: Trajectory, rate: float) -> tuple[Array, Array]:
+    """Return times (N) s at ``rate`` (Hz), from 0 to the first that is not before the end, where the arm rests, and the
+    states q, dq and ddq there (N, 3, n), in rad or m.
 
     Raises InputError for a rate that is not positive, or gives millions of samples.
     """
-    if not (math.isfinite(rate) and rate > 0):
-        raise InputError(f"a trajectory cannot be sampled at {rate:g} Hz; give a positive rate.")
-    if not trajectory.duration * rate <= MAX_SAMPLES:
+    if not 0 < trajectory.duration * rate <= MAX_SAMPLES:
         raise InputError(
-            f"{trajectory.duration:.4g} s at {rate:g} Hz are more than {MAX_SAMPLES} samples; give a lower rate, or a "
-            "shorter duration."
+            f"{trajectory.duration:.4g} s at {rate:g} Hz are no samples, or more than {MAX_SAMPLES}; give another "
+            "rate, or a shorter duration."
         )
     # the tolerance keeps a duration of whole samples from getting one more by rounding
     t = np.arange(math.ceil(trajectory.duration * rate - 1e-6) + 1) / rate
     # samples behind the end are at rest at the last point
-    q, dq, ddq, _ = trajectory.states(np.minimum(t, trajectory.duration))
-    return SampledTrajectory(trajectory.joints, t, q, dq, ddq)
+    return t, trajectory.states(np.minimum(t, trajectory.duration))[:3].transpose(1, 0, 2)
 
 
 def trajectory_files(
@@ -85,32 +73,35 @@ def trajectory_files(
     at most 100 per s, or all samples where that is too coarse. Raises LimitError where what is played between the
     samples leaves the ``limits``.
     """
-    samples = sample_trajectory(trajectory, rate)
-    points = sample_trajectory(trajectory, rate / (thinning * point_spacing(rate)))
+    joints, (t, states) = trajectory.joints, sample_trajectory(trajectory, rate)
+    times, points = sample_trajectory(trajectory, rate / (thinning * point_spacing(rate)))
     try:
-        check_interpolant(points, limits)
+        check_interpolant(times, points, limits)
     except LimitError:
-        points = samples
-        check_interpolant(points, limits)
-    states = np.stack([points.q, points.dq, points.ddq], axis=1)
-    script = ur_script(points.joints, points.t, states, stem)
+        times, points = t, states
+        check_interpolant(times, points, limits)
+    names = ["t", *(f"{key}_{joint}" for key in STATE_NAMES for joint in joints)]
+    npz = BytesIO()
+    signals = dict(zip(STATE_NAMES, states.transpose(1, 0, 2), strict=True))
+    np.savez(npz, joints=np.array(joints), t=t, **signals)
+    script = ur_script(joints, times, points, stem)
     return {
-        f"{stem}.csv": _to_csv(samples),
-        f"{stem}.npz": _to_npz(samples),
-        f"{stem}.trajectory.yaml": _to_ros(points, stem),
+        f"{stem}.csv": csv_text(names, np.column_stack([t, states.reshape(len(t), -1)]), digits=12),
+        f"{stem}.npz": npz.getvalue(),
+        f"{stem}.trajectory.yaml": _to_ros(joints, times, points, stem),
         **({} if script is None else {f"{stem}.script": script}),
     }
 
 
-def check_interpolant(samples: SampledTrajectory, limits: MotionLimits) -> None:
-    """Raise LimitError where quintics between samples of q, dq and ddq leave the limits of a motion.
+def check_interpolant(t: Array, states: Array, limits: MotionLimits) -> None:
+    """Raise LimitError where quintics between points at times t (N) s, of states q, dq and ddq (N, 3, n), leave the
+    limits of a motion.
 
-    It is these that a controller plays. They are the motion itself where no piece begins between two samples.
+    It is these that a controller plays. They are the motion itself where no piece begins between two points.
     """
-    states = np.stack([samples.q, samples.dq, samples.ddq], axis=1)
     middles, sizes = np.stack([limits.middle, *np.zeros((3, len(limits.joints)))]), limits.sizes
     for k in range(0, len(states) - 1, BLOCK_SAMPLES):
-        block, steps = states[k : k + BLOCK_SAMPLES + 1], np.diff(samples.t[k : k + BLOCK_SAMPLES + 1])
+        block, steps = states[k : k + BLOCK_SAMPLES + 1], np.diff(t[k : k + BLOCK_SAMPLES + 1])
         low, high, derivatives = quintic_bounds(block[:-1], block[1:], steps)
         reached = np.maximum(high - limits.middle, limits.middle - low)[:, None]
         shares = np.concatenate([reached, derivatives], axis=1) / sizes
@@ -121,26 +112,13 @@ def check_interpolant(samples: SampledTrajectory, limits: MotionLimits) -> None:
                 f"{middles[d, joint]:.4g} by {shares[row, d, joint] * sizes[d, joint]:.6g}, beyond its limit "
                 f"{sizes[d, joint]:.6g}; give a higher `file_rate`"
             )
-            raise LimitError.at(samples.joints[joint], float(samples.t[k + row]), words)
+            raise LimitError.at(limits.joints[joint], float(t[k + row]), words)
 
 
-def _to_csv(samples: SampledTrajectory) -> str:
-    """Return a CSV text with a header, in twelve digits."""
-    names = [f"{key}_{joint}" for key in STATE_NAMES for joint in samples.joints]
-    return csv_text(["t", *names], np.column_stack([samples.t, samples.q, samples.dq, samples.ddq]), digits=12)
-
-
-def _to_npz(samples: SampledTrajectory) -> bytes:
-    file = BytesIO()
-    arrays = {key: getattr(samples, key) for key in ("t", *STATE_NAMES)}
-    np.savez(file, joints=np.array(samples.joints), **arrays)
-    return file.getvalue()
-
-
-def _to_ros(samples: SampledTrajectory, stem: str) -> str:
+def _to_ros(joints: tuple[str, ...], times: Array, points: Array, stem: str) -> str:
     """Return the message with one point per line."""
     # in quotes and escaped, as any name may stand in a robot file
-    names = yaml.safe_dump(list(samples.joints), default_style='"', default_flow_style=True, width=math.inf).strip()
+    names = yaml.safe_dump(list(joints), default_style='"', default_flow_style=True, width=math.inf).strip()
     lines = [
         "# A trajectory_msgs/msg/JointTrajectory, in rad or m and s. The controller interpolates between the points,",
         "# at best by quintic splines. To send it as one goal, from the place where the motion starts (the name of the",
@@ -150,10 +128,11 @@ def _to_ros(samples: SampledTrajectory, stem: str) -> str:
         f"joint_names: {names}",
         "points:",
     ]
-    for t, q, dq, ddq in zip(samples.t.tolist(), samples.q, samples.dq, samples.ddq, strict=True):
+    for t, point in zip(times.tolist(), points, strict=True):
         sec, nanosec = divmod(round(t * NANO), NANO)
+        q, dq, ddq = map(_number_list, point)
         lines.append(
-            f"- {{ positions: {_number_list(q)}, velocities: {_number_list(dq)}, accelerations: {_number_list(ddq)}, "
+            f"- {{ positions: {q}, velocities: {dq}, accelerations: {ddq}, "
             f"effort: [], time_from_start: {{ sec: {sec}, nanosec: {nanosec} }} }}"
         )
     return "\n".join(lines) + "\n"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from dynident.models import Distances
 from dynident.models.geometry import LipschitzDistances
 from dynident.runtime import Noun
 from dynident.runtime.arrays import Array
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 TIME_TOLERANCE = 1e-9  # of a time: as good as equal
 STEP_TOLERANCE = 1e-6  # of a step, likewise
@@ -265,7 +268,7 @@ class Sweep(Noun):
     @property
     def duration(self) -> float:
         """Its length (s)."""
-        return float(self._edges[-1])
+        return float(self._way.x[-1])
 
     @property
     def cruise(self) -> float:
@@ -284,36 +287,22 @@ class Sweep(Noun):
     def states(self, t: Array) -> Array:
         """Return q, dq, ddq and the jerk, shape (4, N, n), at times t (N)."""
         t = np.asarray(t, dtype=float)
-        k = np.clip(np.searchsorted(self._edges, t, side="right") - 1, 0, 6)
-        out = np.zeros((4, len(t), len(self.pose)))
-        out[0] = self.pose
-        out += _advance(self._start_states[:, k], t - self._edges[k])[:, :, None] * self.direction
-        return out
+        out = np.stack([self._way(t, nu=d) for d in range(4)])[:, :, None] * self.direction
+        out[0] += self.pose
+        return np.asarray(out)
 
     @property
     def _ramps(self) -> tuple[float, float]:
         return ramp_times(self.speed, self.acceleration, self.jerk, self.step)
 
     @cached_property
-    def _edges(self) -> Array:
+    def _way(self) -> PPoly:
+        """The way (rad or m) along the direction by time (s), in parts of constant jerk: ramp, cruise, ramp."""
+        from scipy.interpolate import PPoly
+
         ramp, steady = self._ramps
-        return np.cumsum([0.0, ramp, steady, ramp, self.cruise, ramp, steady, ramp])
-
-    @cached_property
-    def _start_states(self) -> Array:
-        """States (4, 7) along the direction, at the beginning of each part of constant jerk."""
-        states, (ramp, steady) = [np.zeros(4)], self._ramps
         jerk = min(self.jerk, self.speed / (ramp * (ramp + steady)))  # less where the ramps are in whole steps
-        # seven parts of constant jerk: ramp up, cruise and ramp down
-        for sign, length in zip((1, 0, -1, 0, -1, 0, 1), np.diff(self._edges), strict=True):
-            states[-1][3] = sign * np.copysign(jerk, self.distance)
-            states.append(_advance(states[-1][:, None], np.array([length]))[:, 0])
-        return np.stack(states[:-1], axis=1)
-
-
-def _advance(state: Array, t: Array) -> Array:
-    """Return the states (4, N) after a time t (N) of constant jerk."""
-    q, dq, ddq, jerk = state
-    return np.stack(
-        [q + t * (dq + t * (ddq / 2 + t * jerk / 6)), dq + t * (ddq + t * jerk / 2), ddq + t * jerk, jerk + 0 * t]
-    )
+        lengths = np.array([ramp, steady, ramp, self.cruise, ramp, steady, ramp])
+        jerks = np.copysign(jerk, self.distance) * np.array([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])
+        edges = np.concatenate([[0.0], np.cumsum(lengths[lengths > 0])])
+        return PPoly(jerks[None, lengths > 0], edges).antiderivative(3)

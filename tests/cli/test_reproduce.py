@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import polars as pl
@@ -16,7 +15,6 @@ import pytest
 
 from dynident.apps.article.study import study_table
 from dynident.files.row_store import parts_folder
-from dynident.runtime import InputError
 from tests.cli.commands import refuse, run, succeed
 
 HANGS = 600.0  # s: nothing takes as long, even on a busy machine
@@ -98,7 +96,7 @@ class TestReproduce:
             _, told = process.communicate(timeout=HANGS)
         assert process.returncode == code
         if code > 0:
-            assert told == f"Interrupted: finished runs are kept in {table}; run the same command again to go on.\n"
+            assert told == f"Interrupted: Finished rows are kept in {table}; run the same command again to go on.\n"
             assert [path.name for path in tmp_path.iterdir()] == ["study.parquet"]
         with study_table(table) as rows:
             assert len(rows) > 0
@@ -111,22 +109,6 @@ class TestReproduce:
         second = pl.read_parquet(tmp_path / "study.parquet")
         assert second.drop("seconds").equals(first.drop("seconds"))
         assert not second.equals(first)
-
-    @pytest.mark.parametrize("begun", [True, False])
-    def test_an_error_in_the_middle_says_what_is_kept(
-        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begun: bool
-    ) -> None:
-        def fail(*_: object, progress: Callable[[int, int], None], **__: object) -> None:
-            parts_folder(tmp_path / "study.parquet").mkdir()
-            if begun:
-                progress(0, 1)
-            raise InputError("the cluster is gone.")
-
-        monkeypatch.setattr("dynident.apps.article.article.reproduce", fail)
-        done = run("reproduce", "--workers", 1, "--out", tmp_path)
-        assert done.exit_code == 1
-        kept = f" Finished runs are kept in {tmp_path}"
-        assert f"the cluster is gone.{kept if begun else chr(10)}" in done.output
 
     @pytest.mark.parametrize("option", ["--out", "--json"])
     def test_a_folder_that_cannot_be_made_is_said_first(self, tmp_path: Path, option: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -16,7 +16,6 @@ from dynident.cli.terminal import console, print_paths, status
 from dynident.runtime import report_progress
 
 if TYPE_CHECKING:
-    from dynident.apps.article import Reproduction
     from dynident.apps.demo import Comparison
     from dynident.cli.screen import Screen
     from dynident.identification import Identification
@@ -198,7 +197,7 @@ def reproduce(
     json_file: Path | None,
 ) -> None:  # fmt: skip
     """Run the article's study (sec. 3) again and print its tables 2-7 beside the published numbers and the bound."""
-    from dynident.apps.article import study_page, study_text
+    from dynident.apps.article import article, study_page, study_text
     from dynident.files.folder import result_folder
     from dynident.files.results import claim_json, write_json
     from dynident.runtime.kernel import kernel
@@ -207,7 +206,10 @@ def reproduce(
     names = [name.strip() for name in methods.split(",") if name.strip()]
     table = out / "study.parquet" if out else None
     with result_folder(out) if out else nullcontext() as folder:
-        reproduction = _run_study(spread, table, scenario=scenario, runs=runs, seed=seed, methods=names, rerun=rerun)
+        with status(), spread.executor(*PRELOADED_MODULES) as executor:
+            reproduction = article.reproduce(
+                scenario, runs, seed, names, path=table, executor=executor, limits=spread.limits, rerun=rerun
+            )
         written = folder.replace({"report.html": study_page(reproduction)}) if folder else ()
     screen = console()
     screen.print_and_log(study_text(reproduction))
@@ -215,43 +217,3 @@ def reproduce(
     if json_file:
         write_json(json_file, reproduction.summary())
     print_paths(screen, ("Report",), written)
-
-
-def _run_study(
-    spread: WorkerOptions, table: Path | None, *, scenario: str, runs: int, rerun: bool, **how: Any
-) -> Reproduction:
-    """Run the study; where it is stopped in any way, add to the error where the finished runs are."""
-    from dynident.apps.article import article
-    from dynident.runtime import InputError, Step
-
-    has_begun = False
-    try:
-        with status(), spread.executor(*PRELOADED_MODULES) as executor:
-
-            def progress(completed: int, total: int) -> None:
-                nonlocal has_begun
-                has_begun = True
-                report_progress(Step(f"{scenario}, {runs} runs", completed, total))
-
-            return article.reproduce(
-                scenario, runs, rerun=rerun, path=table, executor=executor, limits=spread.limits, progress=progress,
-                **how,
-            )  # fmt: skip
-    except KeyboardInterrupt as stop:
-        stop.add_note(_resume_hint(table, rerun))
-        raise
-    except InputError as error:
-        if not has_begun:
-            raise
-        hint = _resume_hint(table, rerun)
-        raise InputError(f"{error} {hint[0].upper()}{hint[1:]}") from error
-
-
-def _resume_hint(table: Path | None, rerun: bool) -> str:
-    from dynident.files.row_store import parts_folder
-
-    if table is None:
-        return "no run is kept; give --out to keep them."
-    place = next((path for path in (table, parts_folder(table)) if path.exists()), None)
-    hint = f"finished runs are kept in {place}" if place else "no run is finished"
-    return f"{hint}; run the same command again to {'begin anew' if rerun else 'go on'}."

@@ -145,16 +145,17 @@ class RowStore:
     def fill(
         self,
         work: Callable[[J], Any],
-        keys: Mapping[J, Key],
+        jobs: Iterable[J],
+        key: Callable[[J], Key],
         make_rows: Callable[[JobResult[J, Any]], Iterable[Mapping[str, Any]]],
         options: JobOptions,
         words: str,
     ) -> int:
-        """Do the ``work`` of the jobs whose keys are not known, add the rows of each result, and return their number.
+        """Do the ``work`` of the jobs whose ``key`` is not known, add the rows of each result, and return their number.
 
         ``words`` name the step that is reported. Where it is stopped or fails, the error says what is kept.
         """
-        pending = [job for job, key in keys.items() if key not in self]
+        pending = [job for job in jobs if key(job) not in self]
         report_progress(Step(words, 0, len(pending)))
         kept = f"Finished rows are kept in {self.path}; run the same command again to go on."
         hint = kept if self.path else "No row is kept; name a folder for the results to keep them."

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
@@ -266,11 +266,10 @@ def reproduce(
     executor: Executor | None = None,
     rerun: bool = False,
     limits: Limits | None = None,
-    progress: Callable[[int, int], None] = lambda completed, total: None,  # noqa: ARG005
 ) -> Reproduction:
     """Run sec. 3 of the article: three noise levels x the methods x ``runs`` recordings.
 
-    ``path``, ``executor``, ``rerun``, ``limits`` and ``progress`` are ``run_study``'s. Raises ConfigError for an
+    ``path``, ``executor``, ``rerun`` and ``limits`` are ``run_study``'s. Raises ConfigError for an
     unknown scenario or method, InputError for a bad number of runs.
     """
     arm_scenario = _look_up(scenario, SCENARIOS, "scenario")
@@ -285,7 +284,7 @@ def reproduce(
         arm_scenario.truth  # noqa: B018 -- goes to the workers with it
     table = run_study(
         [arm_scenario], fit_methods, LEVELS, runs, seed,
-        path=path, executor=executor, rerun=rerun, limits=limits, progress=progress,
+        path=path, executor=executor, rerun=rerun, limits=limits,
     )  # fmt: skip
     # one case for each column of the tables, with the numbers of the article beside it
     cases = []

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import struct
 import time
-from array import array
-from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
+from functools import lru_cache
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -25,13 +23,12 @@ from dynident.motion.splines import NORMAL_95
 from dynident.regression import one_thread
 from dynident.runtime import InputError
 from dynident.runtime.arrays import Array
-from dynident.runtime.jobs import FAILURES, JobResult, Limits, Status, run_jobs
+from dynident.runtime.jobs import FAILURES, JobOptions, JobResult, Limits, Status
 from dynident.runtime.jobs.cluster import code_version
 
 if TYPE_CHECKING:
     import polars as pl
 
-KEY = ("scenario", "method", "level", "run", "seed", "version")
 NOTHING: dict[str, list[float]] = {"value": [], "std": [], "interval": []}  # of a fit that failed
 
 
@@ -50,18 +47,12 @@ class FitOutcome(StrEnum):
     DIED = Status.DIED.value
 
 
-@contextmanager
-def study_table(path: str | Path | None, *, rerun: bool = False) -> Iterator[RowStore]:
-    """Open the rows of a study: those in the table at ``path``, if given, which holds all of them in the end.
+def study_table(path: str | Path | None, *, rerun: bool = False) -> RowStore:
+    """Return the rows of a study: those in the table at ``path``, if given, which holds all of them in the end.
 
-    Failed fits are not read from it; with ``rerun`` no row is. Raises InputError where a file is not that of a
-    study, or another run works on it.
+    Failed fits are not read from it; with ``rerun`` no row is.
     """
-    with RowStore(path, _schema(), KEY, rerun=rerun, retried={"status": FAILURES}) as rows:
-        statuses = rows.scan().select("status").unique().collect()["status"].to_list()
-        if wrong := [repr(status) for status in statuses if status not in set(FitOutcome)]:
-            raise InputError(f"{path}: is not a table of a study: {min(wrong)} is no status of a fit; choose another.")
-        yield rows
+    return RowStore(path, _schema(), KEY, rerun=rerun, retried={"status": FAILURES})
 
 
 def key_type() -> dict[str, Any]:
@@ -101,56 +92,60 @@ class Method(Protocol):
         """Estimate the parameters from the recording's log."""
 
 
-class _RecordingJob(NamedTuple):
-    """Methods, by their names, to be run on one recording, so that all see the same noise."""
+class FitJob(NamedTuple):
+    """One fit, by what tells it from all others: the key of its row."""
 
     scenario: str
-    methods: tuple[str, ...]
+    method: str
     level: float
     run: int
+    seed: int
+    version: str
+
+
+KEY = FitJob._fields
 
 
 @dataclass(frozen=True)
 class _FitRunner:
-    """Makes the rows of a job; sent to each worker once."""
+    """Makes the row of a fit; sent to each worker once."""
 
     scenarios: Mapping[str, Scenario]
     methods: Mapping[str, Method]
-    seed: int
-    version: str
 
-    def __call__(self, job: _RecordingJob) -> list[dict[str, Any]]:
-        # all methods of a job see the same recording
-        record = self.scenarios[job.scenario].record(job.level, generator(self.seed, job.level, job.run))
+    def __call__(self, job: FitJob) -> dict[str, Any]:
         with one_thread():
-            return [self.key(job, name) | _fit_row(self.methods[name], record) for name in job.methods]
+            return job._asdict() | self._fit_columns(job)
 
-    def key(self, job: _RecordingJob, method: str) -> dict[str, Any]:
-        """Return the key that identifies a fit."""
-        return dict(zip(KEY, (job.scenario, method, job.level, job.run, self.seed, self.version), strict=True))
+    def _fit_columns(self, job: FitJob) -> dict[str, Any]:
+        began, numbers = time.perf_counter(), NOTHING
+        try:
+            recording = _recording(self.scenarios[job.scenario], job.level, job.run, job.seed)
+            began = time.perf_counter()
+            estimate = self.methods[job.method].estimate(recording)
+            interval = [] if estimate.interval is None else estimate.interval.ravel().tolist()
+            numbers = {"value": estimate.value.tolist(), "std": estimate.std.tolist(), "interval": interval}
+            outcome = FitOutcome.NOTED if estimate.notes else FitOutcome.OK
+            outcome = outcome if estimate.converged else FitOutcome.UNSETTLED
+            reason = ", ".join(type(note).__name__ for note in estimate.notes)
+        except MemoryError:  # the job as a whole has too little
+            raise
+        except Exception as error:  # a failed fit is a row, whatever the exception
+            outcome, reason = FitOutcome.FAILED, f"{type(error).__name__}: {error}"
+        return {"status": outcome.value, "reason": reason, "seconds": time.perf_counter() - began} | numbers
 
-    def failed_rows(self, finished_job: JobResult[_RecordingJob, list[dict[str, Any]]]) -> list[dict[str, Any]]:
-        """Return the rows of a job that gave no result."""
-        outcome = {
-            "status": finished_job.status.value, "reason": finished_job.reason, "seconds": finished_job.seconds
-        }  # fmt: skip
-        return [self.key(finished_job.job, name) | outcome | NOTHING for name in finished_job.job.methods]
+
+@lru_cache(maxsize=1)
+def _recording(scenario: Scenario, level: float, run: int, seed: int) -> Recording:
+    """Return a recording, which all methods see; jobs of one follow each other, so that it is mostly made once."""
+    return scenario.record(level, generator(seed, level, run))
 
 
-def _fit_row(method: Method, record: Recording) -> dict[str, Any]:
-    began, numbers = time.perf_counter(), NOTHING
-    try:
-        estimate = method.estimate(record)
-        interval = [] if estimate.interval is None else estimate.interval.ravel().tolist()
-        numbers = {"value": estimate.value.tolist(), "std": estimate.std.tolist(), "interval": interval}
-        outcome = FitOutcome.NOTED if estimate.notes else FitOutcome.OK
-        outcome = outcome if estimate.converged else FitOutcome.UNSETTLED
-        reason = ", ".join(type(note).__name__ for note in estimate.notes)
-    except MemoryError:  # the job as a whole has too little
-        raise
-    except Exception as error:  # a failed fit is a row, whatever the exception
-        outcome, reason = FitOutcome.FAILED, f"{type(error).__name__}: {error}"
-    return {"status": outcome.value, "reason": reason, "seconds": time.perf_counter() - began} | numbers
+def _row(result: JobResult[FitJob, dict[str, Any]]) -> Mapping[str, Any]:
+    if result.value is not None:
+        return result.value
+    outcome = {"status": result.status.value, "reason": result.reason, "seconds": result.seconds}
+    return result.job._asdict() | outcome | NOTHING
 
 
 def generator(seed: int, level: float, run: int) -> np.random.Generator:
@@ -173,7 +168,6 @@ def run_study(
     executor: Executor | None = None,
     rerun: bool = False,
     limits: Limits | None = None,
-    progress: Callable[[int, int], None] = lambda completed, total: None,  # noqa: ARG005
 ) -> pl.DataFrame:
     """Run every method on ``runs`` recordings of every scenario at every noise level.
 
@@ -183,86 +177,20 @@ def run_study(
 
     With ``path`` the table is kept there (Parquet), and grows in parts beside it (``RowStore``): an interrupted
     study continues where it stopped. Failed fits and those of another version of dynident's code are computed
-    again, with ``rerun`` all are. With ``executor`` the recordings are spread over its workers; the numbers do
-    not depend on it. ``limits`` hold for one job: one fit, or those on one recording. ``progress`` is called with
-    the number of finished fits and their total.
+    again, with ``rerun`` all are. With ``executor`` the fits are spread over its workers; the numbers do not depend
+    on it. ``limits`` hold for one fit.
     """
-    if runs < 1:
-        raise InputError(f"runs is {runs}; a study needs at least 1.")
-    fits = _FitRunner(
-        {entry.name: entry for entry in scenarios}, {entry.name: entry for entry in methods}, seed, code_version()
-    )
-    with study_table(path, rerun=rerun) as store:
-        pending = _PendingJobs(fits, tuple(dict.fromkeys(map(float, levels))), runs, store)
-        total = len(pending.keys())
-        count = total - sum(pending.sizes)
-        progress(count, total)
-        with closing(_run_rows(fits, pending, executor, limits)) as job_rows:
-            for rows in job_rows:
-                store.add(rows)
-                count += len(rows)
-                progress(count, total)
-    return _sort_rows(store.table(pending.keys()), fits)
-
-
-@dataclass(frozen=True, eq=False)
-class _PendingJobs:
-    """The jobs of a study whose rows are not among the ``stored_keys``."""
-
-    fits: _FitRunner
-    levels: tuple[float, ...]
-    runs: int
-    stored_keys: Container[tuple[Any, ...]]
-
-    @cached_property
-    def sizes(self) -> array[int]:
-        """The number of fits of each job, as counted before the first has ended."""
-        return array("I", (len(job.methods) for job in self))
-
-    def __len__(self) -> int:
-        return len(self.sizes)
-
-    def __iter__(self) -> Iterator[_RecordingJob]:
-        # only methods without a stored row are run again, on the same recording
-        for scenario, level, run in product(self.fits.scenarios, self.levels, range(self.runs)):
-            job = _RecordingJob(scenario, tuple(self.fits.methods), level, run)
-            if missing_methods := tuple(
-                name for name in job.methods if tuple(self.fits.key(job, name).values()) not in self.stored_keys
-            ):
-                yield job._replace(methods=missing_methods)
-
-    def keys(self) -> pl.DataFrame:
-        """Return the keys of all fits."""
-        import polars as pl
-
-        kinds, fits = key_type(), self.fits
-        table = pl.DataFrame({"seed": [fits.seed], "version": [fits.version]}, schema_overrides=kinds)
-        axes = {"scenario": fits.scenarios, "method": fits.methods, "level": self.levels, "run": range(self.runs)}
-        for name, values in axes.items():
-            table = table.join(pl.DataFrame({name: list(values)}, schema_overrides=kinds), how="cross")
-        return table
-
-
-def _run_rows(
-    fits: _FitRunner, jobs: Iterable[_RecordingJob], executor: Executor | None, limits: Limits | None
-) -> Generator[list[dict[str, Any]], None, None]:
-    """Yield the rows of each job; where a job of several methods failed as a whole, each of them is tried alone."""
-    alone: list[_RecordingJob] = []
-    for finished_job in run_jobs(fits, jobs, executor, limits=limits):
-        if finished_job.value is not None:
-            yield finished_job.value
-        elif len(finished_job.job.methods) == 1:
-            yield fits.failed_rows(finished_job)
-        else:
-            # one method may have ended the process of all: run each alone, so that only that one fails
-            alone += [finished_job.job._replace(methods=(name,)) for name in finished_job.job.methods]
-    if alone:
-        yield from _run_rows(fits, alone, executor, limits)
-
-
-def _sort_rows(table: pl.DataFrame, fits: _FitRunner) -> pl.DataFrame:
     import polars as pl
 
+    if runs < 1:
+        raise InputError(f"runs is {runs}; a study needs at least 1.")
+    fits = _FitRunner({entry.name: entry for entry in scenarios}, {entry.name: entry for entry in methods})
+    keys = product(fits.scenarios, dict.fromkeys(map(float, levels)), range(runs), fits.methods)
+    version = code_version()
+    jobs = [FitJob(scenario, method, level, run, seed, version) for scenario, level, run, method in keys]
+    with study_table(path, rerun=rerun) as store:
+        store.fill(fits, jobs, tuple, lambda result: [_row(result)], JobOptions(executor, limits), "fitting")
+    table = store.table(pl.DataFrame(jobs, schema=key_type(), orient="row"))
     order = {name: k for k, name in enumerate(fits.methods)}
     return table.sort("scenario", "level", pl.col("method").replace_strict(order, return_dtype=pl.Int64), "run")
 

@@ -146,8 +146,9 @@ def _log_rows(
     file = None if folder is None else folder / TABLE
     with RowStore(file, schema(), KEY, rerun=rerun, retried={"status": FAILURES}) as store:
         # a row with the present recipe and file is not made again
-        keys = {job: job.key for job in jobs}
-        new_count = store.fill(work, keys, lambda result: [_write_files(result, folder)], options, "identifying logs")
+        new_count = store.fill(
+            work, jobs, lambda job: job.key, lambda result: [_write_files(result, folder)], options, "identifying logs"
+        )
         return _present_rows(store.table(), jobs, work.recipe), new_count
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import replace
@@ -166,11 +166,12 @@ def _compute_rows(task: Task, parts: Parts, table: Path | None, options: JobOpti
     with RowStore(table, row_schema(), KEY, rerun=rerun, retried={"status": FAILURES}) as store:
         # a row is known by the digest of all that it depends on, so that changed settings are computed anew
         digests = tuple(_text_digest(task.digest, smoother.settings) for smoother in smoothers)
-        keys = {k: (smoother.name, "", digests[k]) for k, smoother in enumerate(smoothers)}
-        smoothing = Smoothing(task, smoothers, digests)
-        store.fill(smoothing, keys, partial(_smoother_rows, keys), options, "smoothing by each method")
+        keys = [(smoother.name, "", digest) for smoother, digest in zip(smoothers, digests, strict=True)]
+        smoothing, numbers = Smoothing(task, smoothers, digests), range(len(smoothers))
+        key = keys.__getitem__
+        store.fill(smoothing, numbers, key, partial(_smoother_rows, key), options, "smoothing by each method")
         # the rows of all smoothers are needed first: only samples that all of them keep are compared
-        smoother_rows = _rows_by_key(store, list(keys.values()))
+        smoother_rows = _rows_by_key(store, keys)
         fit = Fit(task, _common_samples(task, smoothers, smoother_rows), smoothers, estimators)
         rows, computed = _fit_rows(store, fit, _fit_jobs(fit, smoother_rows), options)
         # the best one must stand in cross-validation, whatever that takes
@@ -187,8 +188,7 @@ def _fit_rows(
     store: RowStore, fit: Fit, jobs: Sequence[Job], options: JobOptions
 ) -> tuple[dict[Job, Mapping[str, Any]], int]:
     """Return the rows of jobs, and how many of them were computed now."""
-    keys = {job: fit.key(job) for job in jobs}
-    missing = [job for job in jobs if keys[job] not in store]
+    missing = [job for job in jobs if fit.key(job) not in store]
     # estimators that begin with the same rows of a smoother come together, unless limits hold for each of them
     groups: dict[Any, tuple[Job, ...]] = {}
     for job in missing:
@@ -196,9 +196,8 @@ def _fit_rows(
         linear = part.linear if isinstance(part, PhysicallyConsistent) else part
         group = job if options.limits not in (None, Limits()) else (job.smoother, repr(linear))
         groups[group] = (*groups.get(group, ()), job)
-    first_keys = {group: keys[group[0]] for group in groups.values()}
-    store.fill(fit, first_keys, partial(_group_rows, keys), options, "estimating")
-    return dict(zip(jobs, _rows_by_key(store, list(keys.values())), strict=True)), len(missing)
+    store.fill(fit, groups.values(), lambda group: fit.key(group[0]), partial(_group_rows, fit), options, "estimating")
+    return dict(zip(jobs, _rows_by_key(store, [fit.key(job) for job in jobs]), strict=True)), len(missing)
 
 
 def _fit_jobs(fit: Fit, smoother_rows: Sequence[Mapping[str, Any]]) -> list[Job]:
@@ -228,16 +227,14 @@ def _iterates(estimator: Estimator) -> bool:
 
 
 def _smoother_rows(
-    keys: Mapping[int, tuple[str, str, str]], result: JobResult[int, dict[str, Any]]
+    key: Callable[[int], tuple[str, str, str]], result: JobResult[int, dict[str, Any]]
 ) -> Sequence[Mapping[str, Any]]:
-    return [result.value or _unfinished_row(keys[result.job], result)]
+    return [result.value or _unfinished_row(key(result.job), result)]
 
 
-def _group_rows(
-    keys: Mapping[Job, tuple[str, str, str]], result: JobResult[tuple[Job, ...], list[dict[str, Any]]]
-) -> Sequence[Mapping[str, Any]]:
+def _group_rows(fit: Fit, result: JobResult[tuple[Job, ...], list[dict[str, Any]]]) -> Sequence[Mapping[str, Any]]:
     """Return the rows of a group, which has no value where its worker could not go on."""
-    return [_unfinished_row(keys[job], result) for job in result.job] if result.value is None else result.value
+    return [_unfinished_row(fit.key(job), result) for job in result.job] if result.value is None else result.value
 
 
 def _unfinished_row(key: tuple[str, str, str], result: JobResult[Any, Any]) -> dict[str, Any]:

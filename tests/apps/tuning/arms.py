@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from dynident.apps.tuning import Bench
+from dynident.apps.tuning import Bench, Tuning
 from dynident.identification import Recipe, identify
 from dynident.models import Model, RigidBodies
 from dynident.models.friction import Coulomb, Offset, Viscous
@@ -47,3 +48,8 @@ def bench(
     given = given or logs(recording(1), held=(recording(2),))
     found = identify(model, given["train"], given["validation"], recipe or Recipe(Spline(factor=1.5)))
     return Bench.of(model, given, found)
+
+
+def with_terms(tuning: Tuning, joint: int, kinds: Sequence[str]) -> Tuning:
+    """Return the tuning with the kinds of terms of a joint, by its index."""
+    return replace(tuning, terms=(*tuning.terms[:joint], tuple(kinds), *tuning.terms[joint + 1 :]))

@@ -23,7 +23,7 @@ from dynident.motion.smoothers.spline import NOISE_FACTORS
 from dynident.motion.splines import GCV
 from dynident.regression import ParallelFilter, Regression, Selection, UnexcitedParameters, merge_factors
 from dynident.runtime import ConfigError, InputError
-from tests.apps.tuning.arms import JOINTS, MODEL, RATE, bench, logs, recording
+from tests.apps.tuning.arms import JOINTS, MODEL, RATE, bench, logs, recording, with_terms
 
 
 def test_the_residual_of_the_right_smoothing_is_white_of_the_noise(arm: Bench) -> None:
@@ -115,10 +115,10 @@ CHANGES: dict[str, Change] = {
     "minimum speed": lambda one: replace(one, min_speed=(0.1, 0.0, 0.3)),
     "a filter": lambda one: replace(one, filter=ParallelFilter(decimate=4)),
     "without a joint": lambda one: replace(one, unfitted=(JOINTS[1],)),
-    "fewer terms": lambda one: one.with_terms(0, ("viscous",)),
-    "more terms": lambda one: one.with_terms(2, (*one.terms[2], "rotor", "stribeck")),
-    "terms that remember": lambda one: one.with_terms(0, ("viscous", "dahl")),
-    "terms that see the load": lambda one: one.with_terms(0, ("viscous", "load_coulomb")),
+    "fewer terms": lambda one: with_terms(one, 0, ("viscous",)),
+    "more terms": lambda one: with_terms(one, 2, (*one.terms[2], "rotor", "stribeck")),
+    "terms that remember": lambda one: with_terms(one, 0, ("viscous", "dahl")),
+    "terms that see the load": lambda one: with_terms(one, 0, ("viscous", "load_coulomb")),
     "estimator": lambda one: replace(one, estimator="consistent"),
     "time offset": lambda one: replace(one, time_offset=0.002),
 }
@@ -233,7 +233,7 @@ def test_what_does_not_fit_is_said(arm: Bench) -> None:
         "there is no log 'friday'": start.exclude("friday", 0.0, 1.0),
         "there is no joint 'knee'": replace(start, unfitted=("knee",)),
         "names every joint": replace(start, unfitted=JOINTS),
-        "there is no kind of terms 'rust'": start.with_terms(0, ("rust",)),
+        "there is no kind of terms 'rust'": with_terms(start, 0, ("rust",)),
         "min_speed has 1 entries": replace(start, min_speed=(0.1,)),
     }
     for words, tuning in wrong.items():
@@ -277,7 +277,7 @@ def test_a_model_of_the_gallery_has_no_terms_to_switch() -> None:
     assert on.start.terms == ((),)
     assert on.fit(on.start.with_degree(0.3)).estimate.names == model.names
     with pytest.raises(ConfigError, match="no kind of terms"):
-        on.fit(on.start.with_terms(0, ("coulomb",)))
+        on.fit(with_terms(on.start, 0, ("coulomb",)))
 
 
 def test_a_joint_that_was_never_recorded_and_wrong_samples() -> None:
@@ -324,7 +324,7 @@ def test_the_consistent_fit_keeps_what_was_chosen_of_it() -> None:
     assert estimator.strength != "auto"
     assert isinstance(on.recipe(replace(on.start, estimator="least_squares")).estimator, LeastSquares)
     with pytest.raises(ConfigError, match="no parameter 'Fv_shoulder'"):
-        on.fit(on.start.with_terms(0, ("coulomb",)))
+        on.fit(with_terms(on.start, 0, ("coulomb",)))
     assert MODEL.names == on.fit(on.start).estimate.names
 
 

@@ -29,7 +29,7 @@ from dynident.runtime import (
     report_progress,
     set_budget,
 )
-from tests.apps.tuning.arms import JOINTS, recording
+from tests.apps.tuning.arms import JOINTS, recording, with_terms
 from tests.robots import ARM
 
 pytest.importorskip("dash")
@@ -203,7 +203,7 @@ def test_what_is_saved_is_identified_the_same(project: Project, bench: Bench, tm
     start = bench.start
     assert start.windows("monday") == ((1.0, 1.5),)
     tuning = start.with_degree(0.8, 0).with_degree(-0.2, 2).exclude("monday", 4.0, 5.0).exclude("tuesday", 2.0, 3.0)
-    tuning = tuning.with_terms(0, ("viscous", "stribeck")).with_terms(2, (*start.terms[2], "rotor"))
+    tuning = with_terms(with_terms(tuning, 0, ("viscous", "stribeck")), 2, (*start.terms[2], "rotor"))
     tuning = replace(tuning, min_speed=(0.05, 0.0, 0.0), unfitted=("rail",), filter=ParallelFilter(decimate=2))
     here, path = bench.identify(tuning), tmp_path / "elsewhere.yaml"
     path.write_text(tuned_text(project, bench, tuning, path))

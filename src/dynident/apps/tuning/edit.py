@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -12,7 +12,7 @@ from dynident.apps.tuning.bench import Bench
 from dynident.apps.tuning.tuning import Tuning
 from dynident.apps.tuning.view import View
 from dynident.regression import ParallelFilter
-from dynident.runtime import ConfigError, choices, number, part_text, percent
+from dynident.runtime import ConfigError, choices, number, part_text
 
 T = TypeVar("T")
 _VIEWS: Mapping[str, Callable[[View, str], View]] = {
@@ -136,15 +136,15 @@ def _parse_number(quantity: str, value: Any) -> float:
 
 def setting_changes(before: Tuning, now: Tuning, joints: Sequence[str]) -> list[Change]:
     """Return the differences between two settings: the quantity, its old and new value; those of all joints once."""
-    differences = [
-        *_joint_changes("smoothing", before.degree, now.degree, joints, degree_words),
-        *_joint_changes("minimum speed", before.min_speed, now.min_speed, joints, lambda value: number(value, 3)),
-        *_joint_changes("terms", before.terms, now.terms, joints, lambda kinds: ", ".join(kinds) or "none"),
-    ]
-    for quantity, describe in SHARED_SETTINGS.items():
-        if (was := describe(before)) != (is_now := describe(now)):
-            differences.append((quantity, was, is_now))
-    return [*differences, *_window_changes(before, now)]
+    changes: list[Change] = []
+    for quantity, (field, words) in JOINT_SETTINGS.items():
+        values = zip(getattr(before, field), getattr(now, field), strict=True)
+        pairs = [(words(old), words(new)) for old, new in values]
+        is_common = len(joints) > 1 and len(set(pairs)) == 1
+        places = ["all joints"] if is_common else joints
+        changes += [(f"{quantity} of {place}", *pair) for place, pair in zip(places, pairs, strict=False)]
+    changes += [(quantity, describe(before), describe(now)) for quantity, describe in SHARED_SETTINGS.items()]
+    return [change for change in changes if change[1] != change[2]]
 
 
 def degree_words(degree: float) -> str:
@@ -157,37 +157,20 @@ def estimator_words(kind: str) -> str:
     return {"consistent": "physically consistent"}.get(kind, kind.replace("_", " "))
 
 
-def error_words(value: float | None) -> str:
-    """Return an error in per cent."""
-    return "-" if value is None or value != value else percent(value)
+def _window_words(tuning: Tuning) -> str:
+    windows = (f"{log} {number(start, 4)} to {number(stop, 4)} s" for log, start, stop in tuning.excluded)
+    return "; ".join(windows) or "none"
 
 
+JOINT_SETTINGS: Mapping[str, tuple[str, Callable[[Any], str]]] = {  # the field, and the words for a value
+    "smoothing": ("degree", degree_words),
+    "minimum speed": ("min_speed", lambda speed: number(speed, 3)),
+    "terms": ("terms", lambda kinds: ", ".join(kinds) or "none"),
+}
 SHARED_SETTINGS: Mapping[str, Callable[[Tuning], str]] = {
     "joints not fitted": lambda tuning: ", ".join(tuning.unfitted) or "none",
     "parallel filter": lambda tuning: "none" if tuning.filter is None else part_text(tuning.filter),
     "estimator": lambda tuning: estimator_words(tuning.estimator),
     "time offset": lambda tuning: f"{number(1e3 * tuning.time_offset, 4)} ms",
+    "samples left out": _window_words,
 }
-
-
-def _joint_changes(
-    quantity: str, before: Sequence[Any], now: Sequence[Any], joints: Sequence[str], words: Any
-) -> Iterator[Change]:
-    changed_joints = [k for k in range(len(joints)) if before[k] != now[k]]
-    pairs = {(words(before[k]), words(now[k])) for k in changed_joints}
-    # one line where all joints change alike
-    if len(pairs) == 1 and len(changed_joints) == len(joints) > 1:
-        yield (f"{quantity} of all joints", *pairs.pop())
-        return
-    for k in changed_joints:
-        yield f"{quantity} of {joints[k]}", words(before[k]), words(now[k])
-
-
-def _window_changes(before: Tuning, now: Tuning) -> Iterator[Change]:
-    for log, start, stop in dict.fromkeys((*before.excluded, *now.excluded)):
-        words = f"without {number(start, 4)} to {number(stop, 4)} s"
-        was_excluded, is_excluded = ((log, start, stop) in tuning.excluded for tuning in (before, now))
-        if was_excluded and not is_excluded:
-            yield f"samples of {log}", words, "used again"
-        elif is_excluded and not was_excluded:
-            yield f"samples of {log}", "used", words

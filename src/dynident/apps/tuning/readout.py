@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from dash import html
 
-from dynident.apps.tuning.edit import Change, error_words
+from dynident.apps.tuning.edit import Change
 from dynident.apps.tuning.quick_fit import LogPrediction, QuickFit
 from dynident.identification import Identification, judge
 from dynident.models import INERTIAL
 from dynident.motion.splines import NORMAL_95
 from dynident.report.identification.report import TONES
 from dynident.report.page import cell, unit_text
-from dynident.runtime import Step, number
+from dynident.runtime import Step, number, percent
 
 ROLES = {"train": "training", "validation": "held out"}
 MIN_ERROR_CHANGE = 5e-3  # points of an error that are no difference
@@ -48,8 +48,8 @@ def numbers(fit: QuickFit, last: QuickFit | None) -> Any:
         condition_change = f"was {number(last.condition, 3)}"
     validated_change = _error_change(fit.cross_validated, validated_before)
     facts = [
-        (error_words(log.error), f"torque error, {ROLES[log.role]}", _error_change(log.error, error_before)),
-        (error_words(fit.cross_validated), "cross-validated", validated_change),
+        (percent(log.error), f"torque error, {ROLES[log.role]}", _error_change(log.error, error_before)),
+        (percent(fit.cross_validated), "cross-validated", validated_change),
         (number(fit.condition, 3), "condition", condition_change),
         (f"{fit.estimate.determined.rank} of {len(fit.estimate.names)}", "combinations known", ""),
     ]

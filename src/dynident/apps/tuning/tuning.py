@@ -59,12 +59,6 @@ class Tuning:
         degrees = (degree if joint in (None, j) else previous for j, previous in enumerate(self.degree))
         return replace(self, degree=tuple(degrees))
 
-    def with_terms(self, joint: int, kinds: Sequence[str]) -> Tuning:
-        """Return the tuning with the kinds of terms of a joint, by its index."""
-        return replace(
-            self, terms=tuple(tuple(kinds) if j == joint else previous for j, previous in enumerate(self.terms))
-        )
-
     def exclude(self, log: str, start: float, stop: float) -> Tuning:
         """Return the tuning with another excluded window of a log (s), merged with those that it overlaps."""
         spans = sorted([(a, b) for name, a, b in self.excluded if name == log] + [(start, stop)])

@@ -13,11 +13,12 @@ from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
+from demo_files import DAYS, LOG_EVERY, NOISE_CORRELATION, NOISE_SHARE, STEP
 from estimators_study import Row, Study, listed, parts
 from scipy.signal import lfilter
 
-from dynident.apps.demo.arm import JOINTS, STEP, true_model, true_values
-from dynident.apps.demo.files import DAYS, LOG_EVERY, NOISE_CORRELATION, NOISE_SHARE, SEED, Day, fourier_motion
+from dynident.apps.demo.arm import JOINTS, true_model, true_values
+from dynident.apps.demo.files import SEED, Day, fourier_motion
 from dynident.estimators import Estimate, Estimator, LeastSquares, LinearEstimator, PhysicallyConsistent
 from dynident.identification import Identification, Recipe, identify
 from dynident.models import Model, Parameter

@@ -25,10 +25,11 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL
 
 import numpy as np
 import polars as pl
+from demo_files import ENCODER_STEP
 from scipy.signal import lfilter
 
 from dynident.apps.demo.arm import JOINTS, TILT, true_model, true_values, urdf
-from dynident.apps.demo.files import ENCODER_STEP, Day, fourier_motion
+from dynident.apps.demo.files import Day, fourier_motion
 from dynident.apps.fleets import Changes, History, Population, fleet, pool_robots
 from dynident.apps.fleets.doubts import find_changes_and_residuals
 from dynident.cli.options import WorkerOptions

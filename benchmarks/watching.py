@@ -23,12 +23,12 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL
 
 import numpy as np
 import polars as pl
+from demo_files import ENCODER_STEP, NOISE_CORRELATION, NOISE_SHARE, TORQUE_STEP
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from dynident.apps.demo import demo_files
 from dynident.apps.demo.arm import JOINTS, TIME_OFFSET, true_model, true_values
-from dynident.apps.demo.files import ENCODER_STEP, NOISE_CORRELATION, NOISE_SHARE, TORQUE_STEP
 from dynident.apps.online import (
     Alarm,
     Back,

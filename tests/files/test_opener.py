@@ -61,6 +61,7 @@ ALLOWED = {
     ("files/results.py", "open"),  # to add to a log
     ("cli/options.py", "read_text"),  # files of the package itself
     ("apps/demo/files.py", "read_bytes"),
+    ("apps/demo/arm.py", "read_text"),
     ("apps/excitation/players.py", "read_text"),  # files of the package itself
     ("project/arms.py", "read_text"),
     ("apps/excitation/player.py", "open"),  # a program that runs beside a robot, without this package

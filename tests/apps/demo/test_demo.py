@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
@@ -14,71 +15,23 @@ import dynident as dy
 from dynident.apps.demo import compare_with_truth, demo_files, demo_truth
 from dynident.apps.demo.arm import (
     BASE,
-    FACETS_AROUND,
     JOINTS,
     LINKS,
     TILT,
     LinkCapsule,
-    controller,
     true_model,
     true_values,
     urdf,
 )
-from dynident.apps.demo.files import DAYS, ENCODER_STEP, SEED, TORQUE_STEP, fourier_motion, simulate_log
+from dynident.apps.demo.files import SEED, fourier_motion
 from dynident.checks import check_robot
 from dynident.identification import Calibration, Identification, TimeOffset
 from dynident.models import Model, RigidBodies, consistency_violations, to_physical
 from dynident.models.rigid_bodies import read_robot_file
 from dynident.runtime import InputError, Severity
 
-SHAPE = LinkCapsule((0.1, -0.2, 0.05), (0.3, 0.1, 0.25), 0.06)
-
-
-def facets(stl: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Normals (k, 3) and corners (k, 3, 3) of a binary STL."""
-    count = int.from_bytes(stl[80:84], "little")
-    assert len(stl) == 84 + 50 * count
-    rows = np.frombuffer(stl[84:], dtype=np.dtype([("v", "<f4", (4, 3)), ("attribute", "<u2")]))
-    return rows["v"][:, 0].astype(float), rows["v"][:, 1:].astype(float)
-
-
-def moments(corners: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Volume, centre, and second moments about the origin of the body that triangles enclose, by tetrahedra."""
-    volumes = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
-    total = corners.sum(axis=1)
-    second = np.einsum("kia,kib->kab", corners, corners) + np.einsum("ka,kb->kab", total, total)
-    volume = volumes.sum()
-    return (
-        volume,
-        (volumes[:, None] * total / 4).sum(axis=0) / volume,
-        (volumes[:, None, None] * second / 20).sum(axis=0),
-    )
-
-
-@pytest.mark.parametrize("shape", [SHAPE, LinkCapsule((0.0, 0.0, 0.0), (0.0, 0.0, 0.4), 0.05)])
-def test_a_mesh_is_closed_and_looks_outwards(shape: LinkCapsule) -> None:
-    normals, corners = facets(shape.stl())
-    edges = [tuple(map(tuple, (a, b))) for c in corners for a, b in zip(c, np.roll(c, -1, axis=0), strict=True)]
-    assert len(set(edges)) == len(edges)
-    assert {edge[::-1] for edge in edges} == set(edges)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
-    middle = np.add(shape.start, shape.end) / 2
-    assert (np.einsum("ij,ij->i", normals, corners.mean(axis=1) - middle) > 0).all()
-
-
-def test_the_inertia_is_that_of_the_mesh() -> None:
-    _, corners = facets(SHAPE.stl())
-    volume, centre, second = moments(corners)
-    length = np.linalg.norm(np.subtract(SHAPE.end, SHAPE.start))
-    exact = np.pi * SHAPE.radius**2 * (length + 4 / 3 * SHAPE.radius)
-    assert volume == pytest.approx(exact, rel=2 * (np.pi / FACETS_AROUND) ** 2)
-    mass, middle, tensor = to_physical(SHAPE.inertia(exact))
-    np.testing.assert_allclose(middle, centre, atol=1e-6)
-    assert mass == pytest.approx(exact)
-    about = second / volume - np.outer(centre, centre)
-    np.testing.assert_allclose(
-        tensor / mass, np.trace(about) * np.eye(3) - about, atol=0.05 * np.abs(tensor / mass).max()
-    )
+MADE = runpy.run_path(str(Path(__file__).parents[3] / "benchmarks" / "demo_files.py"))  # the files made anew
+DAYS = MADE["DAYS"]
 
 
 def test_a_ball_is_a_capsule_without_length() -> None:
@@ -87,7 +40,6 @@ def test_a_ball_is_a_capsule_without_length() -> None:
     np.testing.assert_allclose(tensor, 0.4 * 3.0 * 0.2**2 * np.eye(3))
     np.testing.assert_allclose(centre, (0, 0, 0.1))
     assert not list(consistency_violations(ball.inertia(3.0)))
-    assert np.isfinite(facets(ball.stl())[1]).all()
 
 
 def test_the_robot_file_has_nothing_to_complain_of() -> None:
@@ -129,12 +81,12 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> dict[str, pl.DataFrame]
 
 @pytest.mark.parametrize("k", range(len(DAYS)), ids=[day.name for day in DAYS])
 def test_the_shipped_recordings_are_those_of_the_seed(shipped: dict[str, pl.DataFrame], k: int) -> None:
-    made = simulate_log(np.random.default_rng([SEED, k]), DAYS[k], SOME)
+    made = MADE["simulate_log"](np.random.default_rng([SEED, k]), DAYS[k], SOME)
     there = shipped[DAYS[k].name]
     assert made.schema == there.schema
     assert len(there) == round(DAYS[k].duration / 0.004)
     for name in made.columns:
-        step = ENCODER_STEP if "position" in name else TORQUE_STEP if "torque" in name else 1e-6
+        step = MADE["ENCODER_STEP"] if "position" in name else MADE["TORQUE_STEP"] if "torque" in name else 1e-6
         np.testing.assert_allclose(made[name], there[name][: len(made)], rtol=0, atol=2.01 * step, err_msg=name)
 
 
@@ -189,10 +141,10 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 def test_the_files_are_those_of_the_description_and_small(tmp_path: Path) -> None:
     there = contents(demo_files(tmp_path / "an arm"))
-    assert there["arm.urdf"].decode() == urdf()
-    assert there["controller.yaml"].decode() == controller()
+    assert there["arm.urdf"].decode() == urdf() == MADE["urdf"]()
+    assert there["controller.yaml"].decode() == MADE["controller"]()
     for link in (BASE, *LINKS):
-        assert there[f"meshes/{link.name}.stl"][80:] == link.shape.stl()[80:]
+        assert there[f"meshes/{link.name}.stl"][80:] == MADE["stl"](link.shape)[80:]
     assert {"monday.parquet", "tuesday.parquet"} < set(there)
     assert len(there) == 4 + 1 + len(LINKS)
     assert sum(map(len, there.values())) < 500_000

@@ -7,21 +7,19 @@ physical.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
+from importlib.resources import files
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.models import Model, RigidBodies, RotorInertia, from_physical, to_physical
+from dynident.models import Model, RigidBodies, RotorInertia, from_physical
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.runtime import Noun
 from dynident.runtime.arrays import Array
 
-FACETS_AROUND, FACETS_ALONG = 16, 4  # facets around a capsule, and from its end to its cylinder
 Vector = tuple[float, float, float]
 TILT = (0.021, -0.015)  # rad about the x and y axes of the base: 1.5 deg
-STEP = 1e-3  # s: the cycle of the drives
 TIME_OFFSET = -0.003  # s: torques are logged so much late
 Z, Y = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
 
@@ -46,45 +44,6 @@ class LinkCapsule:
         u = along / L if L else np.zeros(3)
         tensor = across * np.eye(3) + (axial - across) * np.outer(u, u)
         return from_physical(mass, np.add(self.start, self.end) / 2, tensor)
-
-    def stl(self) -> bytes:
-        """Return the surface as binary STL, with normals outwards."""
-        corners = self._corners()
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        sizes = np.linalg.norm(normals, axis=1, keepdims=True)
-        has_area = sizes[:, 0] > 0  # a ball has no cylinder
-        corners, normals = corners[has_area], normals[has_area] / sizes[has_area]
-        facets = np.zeros(len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-        facets["normal"], facets["corners"] = normals, corners
-        return b"dynident demo arm".ljust(80) + len(corners).to_bytes(4, "little") + facets.tobytes()
-
-    def _corners(self) -> Array:
-        """Return the corners (facets, 3, 3) of triangles, counter-clockwise from outside."""
-        x, y, z = _frame(np.subtract(self.end, self.start))
-        up = np.linspace(-np.pi / 2, np.pi / 2, 2 * FACETS_ALONG)
-        up[FACETS_ALONG - 1], up[FACETS_ALONG] = 0.0, 0.0  # the ends of the cylinder
-        across = np.cos(up)
-        across[0], across[-1] = 0.0, 0.0
-        turn = 2 * np.pi * np.arange(FACETS_AROUND) / FACETS_AROUND
-        ring = np.outer(np.cos(turn), x) + np.outer(np.sin(turn), y)
-        middle = np.where(np.arange(len(up))[:, None] < FACETS_ALONG, self.start, self.end)
-        axes = middle + self.radius * np.outer(np.sin(up), z)
-        # rings of points from pole to pole; two triangles join each pair of neighbours on adjacent rings
-        rings = axes[:, None] + self.radius * across[:, None, None] * ring
-        low, high = rings[:-1], rings[1:]
-        next_points = np.roll(low, -1, axis=1), np.roll(high, -1, axis=1)
-        lower_triangles = np.stack((low, next_points[0], next_points[1]), axis=2)[1:]  # the first ring is a point
-        upper_triangles = np.stack((low, next_points[1], high), axis=2)[:-1]  # and so is the last
-        return np.concatenate((lower_triangles.reshape(-1, 3, 3), upper_triangles.reshape(-1, 3, 3)))
-
-
-def _frame(along: Array) -> Array:
-    """Return three axes (3, 3), the last of them along a vector; any of them where it is zero."""
-    size = np.linalg.norm(along)
-    z = along / size if size else np.array([0.0, 0.0, 1.0])
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
-    x /= np.linalg.norm(x)
-    return np.array([x, np.cross(z, x), z])
 
 
 @dataclass(frozen=True)
@@ -165,68 +124,9 @@ def true_values() -> Array:
     return np.concatenate([*(link.true_parameters for link in LINKS), *drives])
 
 
-def controller() -> str:
-    """Return the drives' gains as the last part of a configuration, which makes its free simulation a closed loop."""
-    lines = [
-        f"    {joint.name}: {{ reference: {{ column: {joint.name}.reference_rad, unit: rad }}, "
-        f"kp: {joint.kp}, kv: {joint.kv}, saturation: {joint.effort} }}"
-        for joint in JOINTS
-    ]
-    head = (
-        "simulation:  # of the recordings, in the loop of the controller that the arm had: kp in 1/s, kv in N m s/rad"
-    )
-    drives = f"  period: {STEP:g}  # s: the drives are four times as fast as the log"
-    return "\n".join(("", head, "  kind: cascade", drives, "  joints:", *lines)) + "\n"
-
-
 def urdf() -> str:
     """Return the robot file: inertias and friction as they would be in a drawing and a data sheet."""
-    links = [_link_xml(link) for link in (BASE, *LINKS)]
-    parents = (BASE, *LINKS)
-    joints = [_joint_xml(joint, *ends) for joint, *ends in zip(JOINTS, parents, LINKS, strict=False)]
-    head = (
-        "<!-- The arm of `dynident demo`: drawn for it, no product. Its inertias are those of solid capsules. -->",
-        '<robot name="demo_arm">',
-        '  <mujoco><compiler strippath="false"/></mujoco>',
-    )
-    return "\n".join((*head, *links, *joints, "</robot>")) + "\n"
-
-
-def _link_xml(link: DemoLink) -> str:
-    mass, centre, tensor = to_physical(link.shape.inertia(link.mass))
-    places = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-    values = " ".join(f'{key}="{_format_number(tensor[place])}"' for key, place in places.items())
-    mesh = f'<geometry><mesh filename="meshes/{link.name}.stl"/></geometry>'
-    return f"""\
-  <link name="{link.name}">
-    <inertial>
-      <origin xyz="{_format_vector(centre)}"/>
-      <mass value="{_format_number(float(mass))}"/>
-      <inertia {values}/>
-    </inertial>
-    <visual>{mesh}</visual>
-    <collision>{mesh}</collision>
-  </link>"""
-
-
-def _joint_xml(joint: DemoJoint, parent: DemoLink, child: DemoLink) -> str:
-    return f"""\
-  <joint name="{joint.name}" type="revolute">
-    <parent link="{parent.name}"/>
-    <child link="{child.name}"/>
-    <origin xyz="{_format_vector(joint.origin)}"/>
-    <axis xyz="{_format_vector(joint.axis)}"/>
-    <limit lower="{-joint.reach}" upper="{joint.reach}" effort="{joint.effort}" velocity="{joint.velocity}"/>
-  </joint>"""
-
-
-def _format_vector(values: Iterable[float]) -> str:
-    return " ".join(_format_number(float(value)) for value in values)
-
-
-def _format_number(value: float) -> str:
-    """Return a number with six digits, as in a drawing, and without a sign where it is zero."""
-    return f"{float(f'{value:.6g}') + 0.0:.6g}"
+    return (files("dynident.apps.demo") / "files" / "arm.urdf").read_text(encoding="utf-8")
 
 
 class DemoTruth(Noun):

@@ -1,48 +1,26 @@
-"""``python -m dynident.apps.demo FOLDER`` makes the demo arm's files anew; the shipped ones are in ``files``."""
+"""The demo arm's files, which lie in ``files``, and how far an identification of it is from the truth."""
 
 from __future__ import annotations
 
 import os
-import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.resources import files
 from importlib.resources.abc import Traversable
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 
-from dynident.apps.demo.arm import (
-    BASE,
-    JOINTS,
-    LINKS,
-    STEP,
-    TIME_OFFSET,
-    controller,
-    demo_truth,
-    true_model,
-    true_values,
-    urdf,
-)
+from dynident.apps.demo.arm import JOINTS, LINKS, demo_truth
 from dynident.files.results import as_path, probe_folder, write_bytes
 from dynident.identification import Identification
 from dynident.models import Model
-from dynident.models.simulation import CascadePD
 from dynident.motion.log import Motion
 from dynident.runtime import InputError, Noun
 from dynident.runtime.arrays import Array
-from dynident.validation import free_run
 
 SEED = 12
-LOG_EVERY = 4  # of the samples of the drives, every fourth is logged
-ENCODER_STEP = 2 * np.pi / 2**21  # rad
-TORQUE_STEP = 0.01  # N m: the torque is logged in such steps
-# of the torque: share of the joint's limit, and how much of it is there 4 ms later
-NOISE_SHARE, NOISE_CORRELATION = 0.003, 0.8
 HARMONICS = 5
-LEAD_TIME = 1.0  # s that the arm moves before the recording begins
 STANDARD_ERRORS_95 = 1.96  # standard errors that hold 95 %
 
 STRETCHED_POSE = (0.0, np.pi / 2, 0.0, 0.0, 0.0, 0.0)  # the arm stretched out
@@ -56,24 +34,6 @@ class Day:
     duration: float
     period: float
     share: float
-
-
-DAYS = (Day("monday", 20.0, 10.0, 0.6), Day("tuesday", 15.0, 7.5, 0.5))
-
-
-@dataclass(frozen=True)
-class _Encoders:
-    """A controller that gets positions, and so velocities, in the encoders' steps."""
-
-    drives: CascadePD
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        return self.drives.joints
-
-    def __call__(self, t: float, q: Array, dq: Array) -> Array:
-        now, before = (ENCODER_STEP * np.round(position / ENCODER_STEP) for position in (q, q - STEP * dq))
-        return self.drives(t, now, (now - before) / STEP)
 
 
 def fourier_motion(rng: np.random.Generator, day: Day, t: Array) -> tuple[Array, Array, Array]:
@@ -96,52 +56,6 @@ def fourier_motion(rng: np.random.Generator, day: Day, t: Array) -> tuple[Array,
     )
     q, dq, ddq = (scale * derivative(order, t) for order in range(3))
     return q, dq, ddq
-
-
-def simulate_log(rng: np.random.Generator, day: Day, duration: float | None = None) -> pl.DataFrame:
-    """Return the log of a day, or of its first seconds: time, and by joint position, torque, and reference."""
-    # the arm moves before the recording begins, so that the loop has settled
-    lead, rows = round(LEAD_TIME / STEP), round((duration or day.duration) / STEP / LOG_EVERY)
-    t: Array = STEP * np.arange(-lead, LOG_EVERY * rows + 1, dtype=np.float64)
-    reference, speed, _ = fourier_motion(rng, day, t)
-    reference = np.asarray(np.round(reference, 5), dtype=np.float64)
-    names = tuple(joint.name for joint in JOINTS)
-    zeros = np.zeros_like(reference)
-    reference_motion = Motion(t, reference, speed, zeros, zeros, names, np.ones(len(t), dtype=bool), day.name)
-    gains = (np.array([getattr(joint, name) for joint in JOINTS]) for name in ("kp", "kv", "effort"))
-    kp, kv, effort = (gain.astype(float) for gain in gains)
-    drives = CascadePD(names, t, reference, kp, kv, np.ones(len(names)), effort, zeros)
-    run = free_run(true_model(), true_values(), reference_motion, _Encoders(drives))
-    # log every fourth cycle; the torque is the mean of the last four cycles, and late by the time offset
-    rows_logged = lead + LOG_EVERY * np.arange(rows)
-    last_cycles = rows_logged + round(TIME_OFFSET / STEP + LOG_EVERY / 2)  # of the cycles whose mean is reported
-    tau = np.mean(
-        [run.tau[last_cycles - k] for k in range(1, LOG_EVERY + 1)], axis=0
-    ) + effort * NOISE_SHARE * _coloured_noise(rng, rows, len(names))
-    return _table(
-        t[rows_logged],
-        ENCODER_STEP * np.round(run.q[rows_logged] / ENCODER_STEP),
-        TORQUE_STEP * np.round(tau / TORQUE_STEP),
-        reference[rows_logged],
-    )
-
-
-def _coloured_noise(rng: np.random.Generator, rows: int, n: int) -> Array:
-    """Return first-order autoregressive noise (rows, n) of variance 1."""
-    from scipy.signal import lfilter
-
-    white = rng.standard_normal((rows, n)) * np.sqrt(1 - NOISE_CORRELATION**2)
-    # the first sample gets the stationary variance
-    white[0] /= np.sqrt(1 - NOISE_CORRELATION**2)
-    return np.asarray(lfilter([1.0], [1.0, -NOISE_CORRELATION], white, axis=0))
-
-
-def _table(t: Array, q: Array, tau: Array, reference: Array) -> pl.DataFrame:
-    columns = {"time_s": pl.Series(np.round(t, 6))}
-    for j, joint in enumerate(JOINTS):
-        for name, values in (("position_rad", q), ("torque_Nm", tau), ("reference_rad", reference)):
-            columns[f"{joint.name}.{name}"] = pl.Series(values[:, j], dtype=pl.Float32)
-    return pl.DataFrame(columns)
 
 
 UNSEEN_MOTION = Day("unseen", 10.0, 8.0, 0.55)
@@ -271,18 +185,6 @@ def demo_files(folder: str | Path) -> Path:
     return folder
 
 
-def make_files() -> Mapping[str, bytes]:
-    """Return the content of all files by name, made anew; the simulation of the recordings takes 10 s."""
-    contents = {"arm.urdf": urdf().encode(), "controller.yaml": controller().encode()}
-    contents |= {f"meshes/{link.name}.stl": link.shape.stl() for link in (BASE, *LINKS)}
-    for k, day in enumerate(DAYS):
-        buffer = BytesIO()
-        table = simulate_log(np.random.default_rng([SEED, k]), day)
-        table.write_parquet(buffer, compression="zstd", compression_level=19, statistics=False)
-        contents[f"{day.name}.parquet"] = buffer.getvalue()
-    return contents
-
-
 def _has_content(path: Path, data: bytes) -> bool:
     try:
         return path.is_file() and path.stat().st_size == len(data) and path.read_bytes() == data
@@ -298,10 +200,3 @@ def _shipped_files() -> Iterator[tuple[str, Traversable]]:
             yield from ((f"{entry.name}/{file.name}", file) for file in entry.iterdir())
         else:
             yield entry.name, entry
-
-
-if __name__ == "__main__":
-    if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
-        sys.exit(__doc__)
-    for name, data in make_files().items():
-        write_bytes(Path(sys.argv[1]) / name, data)

@@ -1,4 +1,4 @@
-"""The files of the demo arm, those of ``src/dynident/apps/demo/files``, made anew: python3 benchmarks/demo_files.py FOLDER.
+"""The files of the demo arm (``src/dynident/apps/demo/files``) made anew: python3 benchmarks/demo_files.py FOLDER.
 
 The recordings are simulated in the loop of the drives, which takes 10 s; all else follows from the arm's description.
 """

@@ -23,14 +23,9 @@ def exact(**changes):
     return Reproduction((replace(case, **changes),), runs=4)
 
 
-def test_findings_are_three_to_five_lines_computed_from_the_estimates(reproduction):
-    lines = findings(reproduction)
-    assert 3 <= len(lines) <= 5
-    ranking, loss, signs, article, failures = lines
+def test_findings_are_lines_computed_from_the_estimates(reproduction):
+    ranking, article, failures = findings(reproduction)
     assert "1e-8: filtered differences 3.0" in ranking
-    assert "Most is lost by raw differences at sigma_q^2 = 1e-8" in loss
-    assert "for theta1, theta2, theta3; theta1 is 0.0006800 instead of 0.03400" in loss
-    assert "theta3 of raw differences (-0.000450 at 1e-8" in signs
     assert "raw differences 0.0" in article
     assert failures == "All 108 estimations succeeded."
 
@@ -38,24 +33,12 @@ def test_findings_are_three_to_five_lines_computed_from_the_estimates(reproducti
 def test_findings_of_a_perfect_study():
     lines = findings(exact())
     assert lines[0].endswith("1e-6: smoothing splines 0 %.")
-    assert lines[1:] == [
-        "No method at any noise level is off by more than half of a parameter's value on average.",
-        "Every mean has the sign of the true value.",
-        "All 4 estimations succeeded.",
-    ]
+    assert lines[1:] == ["All 4 estimations succeeded."]
 
 
 def test_the_distance_from_the_article_is_in_percent_of_the_true_value():
     printed = tuple(TRUE * 1.02)[:3] + (None,) * 4
-    assert "of the true value: smoothing splines 2.0 %." in findings(exact(published_mean=printed))[3]
-
-
-def test_a_single_lost_parameter_is_found():
-    estimates = np.tile(TRUE, (4, 1))
-    estimates[:, 1] = -0.0032
-    lines = findings(exact(estimates=estimates))
-    assert "for theta2; theta2 is -0.003200 instead of 0.003000" in lines[1]
-    assert "theta2 of smoothing splines (-0.00320 at 1e-6)" in lines[2]
+    assert "of the true value: smoothing splines 2.0 %." in findings(exact(published_mean=printed))[1]
 
 
 def test_a_method_that_always_fails_is_named_and_does_not_stop_the_report():

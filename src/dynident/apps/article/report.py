@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.apps.article.figures import efficiency_figure, spread_figure, trace_figure
 from dynident.report import Array, method_name, scientific
@@ -29,7 +28,6 @@ _BOUND = (
 )
 
 TABLES = {1e-8: (2, 3), 1e-6: (4, 5), 1e-4: (6, 7)}  # the article's numbers of the means and of the variances
-MAX_KEPT_BIAS = 0.5  # a parameter whose mean is off by more than half of its value has been lost
 
 _LEGEND = (
     "Means are those of equation 54, variances those of equation 55. Beside each own value stands, in grey, the one "
@@ -40,8 +38,8 @@ _LEGEND = (
 def median_efficiency(reproduction: Reproduction) -> str:
     """Return a sentence on each method's rms error over the bound, the median over parameters and noise levels."""
     ratios: dict[str, list[float]] = {}
-    for case in reproduction.cases:
-        if len(case.estimates) and case.sigma_q2 in reproduction.bounds:
+    for case in _cases_with_estimates(reproduction):
+        if case.sigma_q2 in reproduction.bounds:
             ratios.setdefault(case.method, []).extend(_error_over_bound(case, reproduction).tolist())
     if not ratios:
         return ""
@@ -70,8 +68,8 @@ def efficiency_table(reproduction: Reproduction) -> Iterator[PageTable]:
     if not reproduction.bounds:
         return
     rows = []
-    for case in reproduction.cases:
-        if not len(case.estimates) or case.sigma_q2 not in reproduction.bounds:
+    for case in _cases_with_estimates(reproduction):
+        if case.sigma_q2 not in reproduction.bounds:
             continue
         cells = [number(float(x), 2) for x in _error_over_bound(case, reproduction)]
         cells += [number(100 * float(x), 3) for x in (np.mean(case.coverage), np.min(case.coverage))]
@@ -123,10 +121,9 @@ def study_text(reproduction: Reproduction) -> rich.console.Group:
 
 
 def findings(reproduction: Reproduction) -> list[str]:
-    """Return 3 to 6 plain sentences: who is nearest, what is lost or of the wrong sign, article, bound, failures."""
-    first = (_ranking_sentence, _loss_sentence, _sign_sentence, _agreement_sentence)
-    sentences = (sentence(reproduction) for sentence in (*first, median_efficiency, _failure_sentence))
-    return [sentence for sentence in sentences if sentence]
+    """Return 2 to 4 plain sentences: who is nearest, distance from the article and the bound, failures."""
+    parts = (_ranking_sentence, _agreement_sentence, median_efficiency, _failure_sentence)
+    return [sentence for part in parts if (sentence := part(reproduction))]
 
 
 def _ranking_sentence(reproduction: Reproduction) -> str:
@@ -140,38 +137,6 @@ def _ranking_sentence(reproduction: Reproduction) -> str:
         "Relative error of a run (rms over the parameters and runs), nearest to the truth first, by sigma_q^2 in rad^2"
     )
     return f"{rule}: {'; '.join(parts)}."
-
-
-def _loss_sentence(reproduction: Reproduction) -> str:
-    """Return a sentence on the method and the noise level at which most parameters are lost."""
-    count, worst = max(
-        ((int(_is_lost(case, reproduction.true).sum()), case) for case in _cases_with_estimates(reproduction)),
-        key=lambda pair: pair[0],
-        default=(0, None),
-    )
-    if worst is None:
-        return ""
-    if count == 0:
-        return "No method at any noise level is off by more than half of a parameter's value on average."
-    lost = np.flatnonzero(_is_lost(worst, reproduction.true))
-    names, index = [reproduction.names[i] for i in lost], lost[0]
-    return (
-        f"Most is lost by {method_name(worst.method)} at sigma_q^2 = {scientific(worst.sigma_q2)}: the mean "
-        f"is off by more than half for {', '.join(names)}; {names[0]} is {number(float(worst.mean[index]))} instead "
-        f"of {number(float(reproduction.true[index]))}."
-    )
-
-
-def _sign_sentence(reproduction: Reproduction) -> str:
-    wrong: dict[str, list[str]] = {}
-    for case in _cases_with_estimates(reproduction):
-        for i in np.flatnonzero(case.mean * reproduction.true < 0):
-            value = f"{number(float(case.mean[i]), 3)} at {scientific(case.sigma_q2)}"
-            wrong.setdefault(f"{reproduction.names[i]} of {method_name(case.method)}", []).append(value)
-    if not wrong:
-        return "Every mean has the sign of the true value."
-    parts = [f"{name} ({', '.join(values)})" for name, values in wrong.items()]
-    return f"Means of the wrong sign, which for an inertia is not physical: {'; '.join(parts)}."
 
 
 def _agreement_sentence(reproduction: Reproduction) -> str:
@@ -221,7 +186,7 @@ def _accuracy_cells(case: StudyCase, reproduction: Reproduction) -> list[str]:
 
 
 def _spread(reproduction: Reproduction) -> Iterator[PageBlock]:
-    if any(len(case.estimates) for case in reproduction.cases):
+    if _cases_with_estimates(reproduction):
         yield Figure(
             spread_figure(reproduction),
             "Relative error of each run's estimate: one dot a run, the box holds the middle half of the runs, the blue "
@@ -317,8 +282,3 @@ def _cases_with_estimates(reproduction: Reproduction) -> list[StudyCase]:
 
 def _rms(case: StudyCase, true: Array) -> float:
     return float(100 * np.sqrt(np.mean(((case.estimates - true) / true) ** 2)))
-
-
-def _is_lost(case: StudyCase, true: Array) -> NDArray[np.bool_]:
-    is_lost: NDArray[np.bool_] = np.abs(case.mean - true) > MAX_KEPT_BIAS * np.abs(true)
-    return is_lost

@@ -234,10 +234,8 @@ def test_an_odd_robot_hardly_moves_the_others() -> None:
     spread = np.sqrt(np.diag(plain.spread))
     assert (np.abs(odd.mean - plain.mean) < 0.5 * spread).all()
     assert (np.sqrt(np.diag(odd.spread)) < 2.5 * spread).all()
-    deviation, std = odd.deviation("robot4")
-    assert (deviation[6:8] > 10 * std[6:8]).all()
-    with pytest.raises(KeyError):
-        odd.deviation("robot99")
+    posterior = odd.robots[4]
+    assert ((posterior.value - odd.mean)[6:8] > 10 * posterior.std[6:8]).all()
 
 
 def test_robots_are_pooled_as_they_were_before_their_changes() -> None:

@@ -78,16 +78,12 @@ def test_logs_that_do_not_show_a_parameter_are_left_out():
 
 
 @pytest.mark.parametrize(("draw", "most"), [(trend_figure, MAX_POINTS), (robots_figure, MAX_SMALL_POINTS)])
-def test_many_logs_are_drawn_as_weighted_means(draw, most):
+def test_of_many_logs_some_are_drawn(draw, most):
     one = course(5000)
     points = draw([one], START).data[1]
     assert len(points["x"]) == most
-    weight = (1.96 / points["error_y"]["array"].astype(float)) ** 2
-    assert weight.sum() == pytest.approx(np.sum(one.std**-2.0), rel=1e-2)
-    assert np.average(points["y"], weights=weight) == pytest.approx(
-        np.average(one.value, weights=one.std**-2.0), rel=1e-3
-    )
-    assert points["text"][0].startswith("0&lt;b&gt; to ")
+    assert points["y"][[0, -1]] == pytest.approx(one.value[[0, -1]], rel=1e-6)
+    assert points["text"][0].startswith("0&lt;b&gt;")
 
 
 def test_an_interval_that_is_far_wider_leaves_the_panel():

@@ -16,7 +16,7 @@ from dynident.apps.fleets.result import FleetBase, FleetResult, Population
 from dynident.motion.splines import NORMAL_95
 from dynident.regression import GroupKind, ParameterGroup
 from dynident.report import Array
-from dynident.report.page import UNIT, Column, Figure, Fold, PageBlock, PageSection, PageTable
+from dynident.report.page import UNIT, Column, Figure, Fold, Head, PageBlock, PageSection, PageTable
 from dynident.report.words import kind_words, signed_text
 from dynident.runtime import count, join_names, number
 
@@ -122,33 +122,23 @@ def _size_words(change: Change) -> Iterator[str]:
             yield f"{size} {change.group.units[k]} ({rate} in {RATE_DAYS:.0f} days)"
 
 
-def change_table(fleet: FleetResult, changes: Sequence[Change], max_rows: int) -> PageTable:
-    """Return the table of the first ``max_rows`` changes."""
-    rows = (
-        (
-            change.robot,
-            group_words(change.group),
-            day_words(change.day, fleet.start),
-            shape_words(change),
-            "; ".join(list(_size_words(change))[:MAX_LISTED]),
-            number(change.p_value, 2),
-        )
-        for change in changes[:max_rows]
-    )
-    suffix = f", the {max_rows} worst of {len(changes)}" if len(changes) > max_rows else ""
-    heads = (Column("by", numeric=False, prose=True), "p-value")
-    return PageTable.of(("robot", "what", "began", "how"), heads, rows, f"Changes, worst first{suffix}")
-
-
-def with_times(table: PageTable, fleet: FleetResult, changes: Sequence[Change]) -> PageTable:
-    """Return the table of changes with the days between which each began, and the log of its begin."""
+def change_table(
+    fleet: FleetResult, changes: Sequence[Change], max_rows: int, *, with_times: bool = False
+) -> PageTable:
+    """Return the table of the first ``max_rows`` changes; ``with_times`` also with the days between which each began,
+    and the log of its begin."""
     days = {history.robot: dict(zip(history.logs, history.days, strict=True)) for history in fleet.histories}
     rows = []
-    for row, change in zip(table.rows, changes, strict=False):
+    for change in changes[:max_rows]:
+        what, began = group_words(change.group), day_words(change.day, fleet.start)
+        sizes = "; ".join(list(_size_words(change))[:MAX_LISTED])
+        row = (change.robot, what, began, shape_words(change), sizes, number(change.p_value, 2))
         ends = dict.fromkeys(day_words(days[change.robot][log], fleet.start) for log in change.between)
-        rows.append((*row, " to ".join(ends), change.since))
-    heads = (*table.columns, Column("between", numeric=False), Column("log", numeric=False))
-    return PageTable(heads, tuple(rows), table.caption)
+        rows.append((*row, " to ".join(ends), change.since) if with_times else row)
+    suffix = f", the {max_rows} worst of {len(changes)}" if len(changes) > max_rows else ""
+    heads: list[Head] = [Column("by", numeric=False, prose=True), "p-value"]
+    heads += [Column("between", numeric=False), Column("log", numeric=False)] if with_times else []
+    return PageTable.of(("robot", "what", "began", "how"), heads, rows, f"Changes, worst first{suffix}")
 
 
 class RobotTrends:

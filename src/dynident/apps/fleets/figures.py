@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynident.motion.splines import NORMAL_95
 from dynident.report import Array, Drawing
@@ -51,8 +52,8 @@ class ParameterTrend(Noun):
 def trend_figure(trends: Sequence[ParameterTrend], start: datetime | None = None) -> Drawing:
     """Draw parameters of one robot over time, one panel each, with 95 % intervals and a line where a change begins.
 
-    ``start`` is the date of day 0, None where there is none. Where there are more than ``MAX_POINTS`` logs,
-    weighted means of neighbouring ones are drawn.
+    ``start`` is the date of day 0, None where there is none. Of more than ``MAX_POINTS`` logs as many are
+    drawn, spread evenly.
     """
     units, names = ([plain(getattr(trend, field)) for trend in trends] for field in ("unit", "name"))
     figure = panels(units, 100 + 200 * len(trends), names)
@@ -119,16 +120,21 @@ def _trend_traces(
     trend: ParameterTrend, start: datetime | None, max_points: int, colour: str = BLUE, size: int = 6
 ) -> list[Trace]:
     """Return the marks of a trend with their intervals, and the line of the changes found."""
-    names, days, value, std = _merge_logs(trend, max_points)
+    shown = _shown_logs(trend, max_points)
     marks = trace(
         "scatter",
-        x=_axis_positions(days, start),
-        y=value.astype(np.float32),
-        error_y={"array": (NORMAL_95 * std).astype(np.float32), "color": colour, "thickness": 1, "width": 0},
+        x=_axis_positions(trend.days[shown], start),
+        y=trend.value[shown].astype(np.float32),
+        error_y={
+            "array": (NORMAL_95 * trend.std[shown]).astype(np.float32),
+            "color": colour,
+            "thickness": 1,
+            "width": 0,
+        },
         mode="markers",
         name="log, with its 95 % interval",
         marker={"color": colour, "size": size},
-        text=names,
+        text=[plain(trend.logs[k]) for k in shown],
         hovertemplate="%{text}: %{y:.4g}<extra></extra>",
     )
     if trend.change_line is None:
@@ -145,21 +151,12 @@ def _trend_traces(
     return [line, marks]
 
 
-def _merge_logs(trend: ParameterTrend, max_points: int) -> tuple[list[str], Array, Array, Array]:
-    """Return names, days, values and standard errors of at most ``max_points`` weighted means of neighbouring logs."""
+def _shown_logs(trend: ParameterTrend, max_points: int) -> NDArray[np.intp]:
+    """Return the logs that show the parameter, at most ``max_points`` of them, spread evenly."""
     visible = np.flatnonzero(np.isfinite(trend.std) & np.isfinite(trend.value))
     if len(visible) <= max_points:
-        names = [plain(trend.logs[int(k)]) for k in visible]
-        return names, trend.days[visible], trend.value[visible], trend.std[visible]
-    parts = np.array_split(visible, max_points)
-    # Weights are inverse variances; the floor keeps an exact value from an infinite weight
-    weights = [1 / np.maximum(trend.std[part], 1e-12 * trend.std[visible].max()) ** 2 for part in parts]
-    means = [
-        [np.average(values[part], weights=weight) for part, weight in zip(parts, weights, strict=True)]
-        for values in (trend.days, trend.value)
-    ]
-    names = [" to ".join(plain(trend.logs[int(k)]) for k in part[[0, -1]]) for part in parts]
-    return names, np.array(means[0]), np.array(means[1]), np.array([weight.sum() ** -0.5 for weight in weights])
+        return visible
+    return visible[np.linspace(0, len(visible) - 1, max_points).round().astype(int)]
 
 
 def _axis_positions(days: Array, start: datetime | None) -> Array:

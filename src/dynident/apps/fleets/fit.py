@@ -131,41 +131,33 @@ def unpack_triangle(numbers: Array, size: int) -> Array:
     return out
 
 
-def histories_of(rows: pl.DataFrame, start: datetime | None) -> Iterator[History]:
-    """Yield the history of each robot that has a result, from the table of one recipe; days count from ``start``."""
-    for robot, logs in _logs_by_robot(rows):
-        value = np.array(logs["value"].to_list(), dtype=float)
-        information = unpack_triangle(np.array(logs["information"].to_list(), dtype=float), value.shape[1])
-        yield History(robot, tuple(logs["log"]), _days_since(logs, start), value, information)
+def histories_of(rows: pl.DataFrame, start: datetime | None) -> Iterator[tuple[History, History]]:
+    """Yield the history of each robot that has a result, from the table of one recipe; days count from ``start``.
 
-
-def residuals_of(rows: pl.DataFrame, start: datetime | None) -> Iterator[History]:
-    """Yield what the model leaves of the torque of each of these robots: value (K, n) is the logarithm of residuals.
-
-    Its information is that of white residuals, twice the samples; what more it scatters is found from the fleet.
+    Beside it is what the model leaves of its torque: value (K, n) is the logarithm of residuals. Its information is
+    that of white residuals, twice the samples; what more it scatters is found from the fleet.
     """
-    for robot, logs in _logs_by_robot(rows):
-        residual = np.array(logs["residual"].to_list(), dtype=float)
-        is_valid = np.isfinite(residual) & (residual > 0)
-        # the logarithm of the root mean square of N white samples has the variance 1 / (2 N)
-        information = 2.0 * logs["samples"].to_numpy()[:, None] * is_valid
-        value, information = (
-            np.log(np.where(is_valid, residual, 1.0)),
-            information[:, :, None] * np.eye(residual.shape[1]),
-        )
-        yield History(robot, tuple(logs["log"]), _days_since(logs, start), value, information)
-
-
-def _logs_by_robot(rows: pl.DataFrame) -> Iterator[tuple[str, pl.DataFrame]]:
     import polars as pl
 
     good = rows.filter(pl.col("status") == Status.OK).sort("robot", "date", "log")
     for (robot,), logs in good.group_by("robot", maintain_order=True):
-        yield str(robot), logs
-
-
-def _days_since(logs: pl.DataFrame, start: datetime | None) -> Array:
-    return np.array([(date - start).total_seconds() / DAY for date in logs["date"]])
+        value, triangles, residual = (
+            np.array(logs[name].to_list(), dtype=float) for name in ("value", "information", "residual")
+        )
+        days = np.array([(date - start).total_seconds() / DAY for date in logs["date"]])
+        is_valid = np.isfinite(residual) & (residual > 0)
+        # the logarithm of the root mean square of N white samples has the variance 1 / (2 N)
+        precision = 2.0 * logs["samples"].to_numpy()[:, None] * is_valid
+        names = str(robot), tuple(logs["log"])
+        yield (
+            History(*names, days, value, unpack_triangle(triangles, value.shape[1])),
+            History(
+                *names,
+                days,
+                np.log(np.where(is_valid, residual, 1.0)),
+                precision[:, :, None] * np.eye(residual.shape[1]),
+            ),
+        )
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from dynident.apps.fleets.changes_report import (
     group_words,
     pooled_sections,
     sort_by_severity,
-    with_times,
 )
 from dynident.apps.fleets.components import History
 from dynident.apps.fleets.doubts import residual_groups
@@ -252,7 +251,7 @@ def _summary(fleet: FleetResult, changes: Sequence[Change], trends: Mapping[str,
     if fleet.warnings:
         yield fleet.warnings
     if changes:
-        table = with_times(change_table(fleet, changes, MAX_TABLE_ROWS), fleet, changes)
+        table = change_table(fleet, changes, MAX_TABLE_ROWS, with_times=True)
         # Only the page typesets the signs; a terminal shows them as they are
         table = replace(table, rows=tuple(tuple(map(_typeset_plus_minus, row)) for row in table.rows))
         yield table if len(changes) > MAX_SENTENCES else Fold("With p-values and logs", (table,))

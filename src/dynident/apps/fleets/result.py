@@ -57,16 +57,6 @@ class Population(Noun):
     robots: tuple[Posterior, ...]
     weights: Array
 
-    def deviation(self, robot: str) -> tuple[Array, Array]:
-        """Return by how much a robot differs from the mean (b), and the standard error (b) of that.
-
-        Raises KeyError for a robot that is not among ``robots``.
-        """
-        for posterior in self.robots:
-            if posterior.robot == robot:
-                return posterior.value - self.mean, posterior.std
-        raise KeyError(robot)
-
     def borrow(self, robot: str, value: Array, information: Array) -> Posterior:
         """Return the posterior of a robot of this type whose own logs show ``value`` (b) with ``information`` (b, b).
 

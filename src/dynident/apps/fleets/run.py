@@ -23,7 +23,6 @@ from dynident.apps.fleets.fit import (
     empty_row,
     histories_of,
     model_of,
-    residuals_of,
     schema,
 )
 from dynident.apps.fleets.recipe import FleetRecipe, fleet_recipe
@@ -102,7 +101,8 @@ def fleet(
         start = min((date for date in rows["date"] if date), default=None)
         groups = groups_of(model, basis)
         warnings = (*warnings, *_gone_warnings(rows, logs))
-        histories, residuals = tuple(histories_of(rows, start)), tuple(residuals_of(rows, start))
+        pairs = list(histories_of(rows, start))
+        histories, residuals = tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs)
         kinds = _robots_by_type(rows)
         result = FleetResult(
             path.stem, rows, base, histories, groups, kinds, start, new_count, warnings, residuals=residuals

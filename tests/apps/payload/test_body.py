@@ -9,7 +9,6 @@ import pytest
 
 from dynident.apps.payload import PhysicalBody, mount_of
 from dynident.apps.payload.body import (
-    BodyEstimate,
     Turning,
     _centre_pose,
     best_turning,
@@ -102,12 +101,12 @@ def test_an_arm_with_two_ends_needs_a_frame() -> None:
 def test_turning_the_last_joint_shows_the_inertia_about_its_axis() -> None:
     model, _ = arm()
     known = np.diag([1e6, *[1e6] * 3, *[1e2] * 6])
-    ways = turnings(model, mount_of(model), BodyEstimate(CARRIED, known), np.full(6, 1e-3), np.zeros((4, 6)))
+    ways = turnings(model, mount_of(model), CARRIED, known, np.full(6, 1e-3), np.zeros((4, 6)))
     assert [way.joint for way in ways] == ["j1", "j2", "j3", "j4", "j5", "j6"]
-    assert best_turning(ways, 9).joint in ("j4", "j6")
-    assert best_turning(ways, 6).joint not in ("j6",)
+    assert best_turning(ways, 9, np.inf).joint in ("j4", "j6")
+    assert best_turning(ways, 6, np.inf).joint not in ("j6",)
     before = np.sqrt(np.diag(np.linalg.inv(known)))
-    assert (best_turning(ways, 9).std[9], best_turning(ways, 6).std[6]) < (before[9], before[6])
+    assert (best_turning(ways, 9, np.inf).std[9], best_turning(ways, 6, np.inf).std[6]) < (before[9], before[6])
     assert {way.speed for way in ways} == {1.5}
 
 
@@ -118,11 +117,12 @@ def test_a_joint_turns_within_its_limits() -> None:
     )
     bodies = RigidBodies(limited)
     slow = replace(model, terms=(bodies, *model.terms[1:]))
-    ways = turnings(slow, mount_of(slow), BodyEstimate(CARRIED, np.eye(10)), np.ones(6), np.zeros((4, 6)))
+    ways = turnings(slow, mount_of(slow), CARRIED, np.eye(10), np.ones(6), np.zeros((4, 6)))
     assert [way.speed for way in ways] == pytest.approx([0.7] * 6)
     assert _centre_pose(slow, 0, np.zeros(6), 0.8)[0] == pytest.approx(0.3)
 
 
 def test_of_joints_that_do_as_well_the_last_is_named() -> None:
     ways = [Turning(name, 1.0, np.array([std])) for name, std in (("a", 1.0), ("b", 1.1), ("c", 2.0))]
-    assert best_turning(ways, 0).joint == "b"
+    assert best_turning(ways, 0, 9.0).joint == "b"
+    assert best_turning(ways, 0, 1.0) is None

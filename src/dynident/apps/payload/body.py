@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from enum import StrEnum
 
 import numpy as np
@@ -23,6 +23,7 @@ MOTION_DURATION, SAMPLES_PER_PERIOD = 10.0, 60  # s of a motion, and samples of 
 N_POSES = 4  # postures of the arm in which a joint turns
 MAX_REACH, MAX_SPEED, SPEED_LIMIT_SHARE = 0.8, 1.5, 0.7  # rad (m); rad/s (m/s); of the limits
 SLIDE_FACTOR = 0.3  # a sliding joint moves less far, in m
+MAX_HELPFUL_STD = 0.7  # of the standard error: what is left by a motion that is worth naming
 
 
 class Component(StrEnum):
@@ -102,10 +103,10 @@ def physical_components(phi: Array) -> Array:
     return np.array([mass, *centre, *tensor[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
 
 
-def physical_jacobian(phi: Array, function: Callable[[Array], Array] = physical_components) -> Array:
-    """Return the derivatives (10, 10) of ``function``, by default ``physical_components``, by the parameters."""
+def physical_jacobian(phi: Array) -> Array:
+    """Return the derivatives (10, 10) of ``physical_components`` by the parameters."""
     step = RELATIVE_STEP * abs(phi[0])
-    ends = [[function(phi + sign * step * direction) for direction in np.eye(10)] for sign in (1.0, -1.0)]
+    ends = [[physical_components(phi + sign * step * direction) for direction in np.eye(10)] for sign in (1.0, -1.0)]
     return np.asarray((np.array(ends[0]) - np.array(ends[1])).T / (2 * step))
 
 
@@ -177,21 +178,17 @@ class Turning(Noun):
     std: Array
 
 
-class BodyEstimate(Noun):
-    """Parameters ``phi`` (10) of a payload in its frame, and the ``information`` (10, 10) on them."""
-
-    phi: Array
-    information: Array
-
-
-def turnings(model: Model, mount: Mount, body: BodyEstimate, variance: Array, poses: Array) -> tuple[Turning, ...]:
+def turnings(
+    model: Model, mount: Mount, phi: Array, information: Array, variance: Array, poses: Array
+) -> tuple[Turning, ...]:
     """Return for each joint that moves the payload what turning it alone would show, in the best of a few ``poses``.
 
-    ``variance`` (n) is that of a joint's torque over a second of motion. Friction is taken as known.
+    ``phi`` (10) are the parameters of the payload in its frame, with ``information`` (10, 10). ``variance`` (n) is
+    that of a joint's torque over a second of motion. Friction is taken as known.
     """
     columns = np.flatnonzero(mount.transform.any(axis=1))
     moving = np.flatnonzero(model.support[:, columns].any(axis=1))
-    J, results = physical_jacobian(body.phi), []
+    J, results = physical_jacobian(phi), []
     for j in moving:
         speed, reach = _speed_and_reach(model, int(j))
         best = np.full(10, np.inf)
@@ -200,16 +197,20 @@ def turnings(model: Model, mount: Mount, body: BodyEstimate, variance: Array, po
             gained_information = _information_rate(
                 model, mount, _centre_pose(model, int(j), pose, reach), (int(j), speed, reach), variance
             )
-            covariance = J @ np.linalg.inv(body.information + MOTION_DURATION * gained_information) @ J.T
+            covariance = J @ np.linalg.inv(information + MOTION_DURATION * gained_information) @ J.T
             best = np.minimum(best, np.sqrt(np.diag(covariance)))
         results.append(Turning(model.joints[j].name, speed, best))
     return tuple(results)
 
 
-def best_turning(several: Sequence[Turning], component: int) -> Turning:
-    """Return the motion that shows a component best; of joints that do about as well the one nearest to the payload."""
-    smallest_std = min(turning.std[component] for turning in several)
-    return [turning for turning in several if turning.std[component] <= 1.2 * smallest_std][-1]
+def best_turning(several: Sequence[Turning], component: int, std: float) -> Turning | None:
+    """Return the motion that shows a component best; of joints that do about as well the one nearest to the payload.
+
+    None where no motion lowers its standard error ``std`` by much.
+    """
+    smallest_std = min((turning.std[component] for turning in several), default=np.inf)
+    best = [turning for turning in several if turning.std[component] <= 1.2 * smallest_std]
+    return best[-1] if best and best[-1].std[component] <= MAX_HELPFUL_STD * std else None
 
 
 def _speed_and_reach(model: Model, j: int) -> tuple[float, float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
@@ -27,7 +26,7 @@ from dynident.project.export import (
     IdentifiedModel,
     check_payload_link,
     identified_urdf,
-    relocate_files,
+    relocate_urdf,
     with_payload_link,
 )
 from dynident.project.saved import load, read_log_like
@@ -202,16 +201,4 @@ def payload_urdf(identification: Identification, payload: Payload, folder: Path)
     start = sum(len(term.parameters) for term in identification.model.terms[: identification.model.terms.index(bodies)])
     added = (payload.mount.transform @ payload.value)[start : start + len(bodies.parameters)]
     check_payload_link(before, after, bodies, added)
-    return _relocate_urdf(after, identification.provenance, folder), notes
-
-
-def _relocate_urdf(text: str, sources: Sources, folder: Path) -> str:
-    """Return a URDF to be written to ``folder``, with mesh names relative to it, as ``relocate_exports`` does."""
-    start = None if sources.model is None else real_path(Path(sources.model.path).parent)
-    if start is None or start == real_path(folder):
-        return text
-    try:
-        mesh_folder = Path(os.path.relpath(start, real_path(folder))).as_posix()
-    except ValueError:  # another drive
-        mesh_folder = start.as_posix()
-    return relocate_files(text, mesh_folder)
+    return relocate_urdf(after, identification.provenance, folder), notes

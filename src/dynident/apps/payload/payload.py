@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dynident.apps.payload.body import (
-    BodyEstimate,
     Component,
     GainsUnknown,
     Mount,
@@ -51,7 +50,6 @@ MIN_MASS_SIGNIFICANCE = 3.0  # standard errors of the mass, from which on there 
 MIN_NOTED_STD = (0.01, 0.003, 0.2)  # of mass, m, of mass (0.1 m)^2: an error by drift or gains that is worth a note
 MAIN_SHARE = 0.5  # share of the variance
 COMPONENT_KIND = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
-MAX_HELPFUL_STD = 0.7  # of the standard error: what is left by a motion that is worth naming
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,12 +315,11 @@ def _not_shown_notes(
     if hidden and logs:
         poses = stack_states([validation.motion for validation in logs])["q"]
         variance = _variance_per_second(identification.model, loaded_result, logs)
-        body_estimate = BodyEstimate(payload.value, information)
-        turnings_found = turnings(identification.model, payload.mount, body_estimate, variance, poses)
+        turnings_found = turnings(identification.model, payload.mount, payload.value, information, variance, poses)
     # Components that the same motion would show share one note.
     groups: dict[Turning | None, list[int]] = {}
     for k in hidden:
-        groups.setdefault(_best_motion(k, float(body.std[k]), turnings_found), []).append(k)
+        groups.setdefault(best_turning(turnings_found, k, float(body.std[k])), []).append(k)
     for way, several in groups.items():
         names, std = tuple(list(Component)[k] for k in several), tuple(float(body.std[k]) for k in several)
         if way is None:
@@ -331,11 +328,6 @@ def _not_shown_notes(
         kind = next(joint.kind for joint in identification.model.joints if joint.name == way.joint)
         unit = "m/s" if kind == "prismatic" else "rad/s"
         yield NotShown(names, std, way.joint, way.speed, unit, tuple(float(way.std[k]) for k in several))
-
-
-def _best_motion(k: int, std: float, ways: Sequence[Turning]) -> Turning | None:
-    best = best_turning(ways, k) if ways else None
-    return None if best is None or best.std[k] > MAX_HELPFUL_STD * std else best
 
 
 def _variance_per_second(model: Model, loaded_result: Identification, logs: Sequence[LogValidation]) -> Array:

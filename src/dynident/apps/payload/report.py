@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -32,13 +32,13 @@ _METHOD_NOTE = (
 )
 
 
-def payload_figure(payload: Payload, titles: Mapping[str, str]) -> Drawing:
-    """Draw the shares of each source, by its name in ``titles``, in the variance of each component, in %."""
+def payload_figure(payload: Payload) -> Drawing:
+    """Draw the shares of each source in the variance of each component, in %."""
     figure = panels([""], 360, shared=False)
     for source, share in payload.shares.items():
         marker = {"color": SOURCE_COLOURS[source], "pattern": {"shape": "/" if source in HATCHED_SOURCES else ""}}
         bars = trace(
-            "bar", x=list(Component), y=100 * np.asarray(share), name=titles.get(source.value, source.value),
+            "bar", x=list(Component), y=100 * np.asarray(share), name=source.words,
             marker=marker, hovertemplate="%{y:.3g} %",
         )  # fmt: skip
         figure.add(bars)
@@ -123,8 +123,7 @@ def payload_page(payload: Payload, arm: Identification) -> str:
     notes = tuple(f"{capitalise(str(note))}." for note in payload.notes if not isinstance(note, NoPayload))
     error_blocks: list[PageBlock] = [shares_table(payload)]
     if payload.is_significant:
-        drawing = payload_figure(payload, {source.value: source.words for source in ErrorSource})
-        error_blocks.append(Figure(drawing, "Shares of the variance of each component."))
+        error_blocks.append(Figure(payload_figure(payload), "Shares of the variance of each component."))
     head: tuple[PageBlock, ...] = (payload_words(payload), payload_table(payload))
     if view := _arm_view(payload, arm):
         head = (Beside(head, (view,), "left"),)

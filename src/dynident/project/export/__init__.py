@@ -3,12 +3,11 @@
 from dynident.project.export.formats import Mjcf, Numpy, PinocchioArm, Urdf, Yaml, identified_yaml
 from dynident.project.export.identified import IdentifiedModel, Servo
 from dynident.project.export.numpy_module import identified_module
-from dynident.project.export.proof import export, export_files, exports, prove, random_states, spread
+from dynident.project.export.proof import export, export_files, exports, prove, random_states, relocate_urdf, spread
 from dynident.project.export.robot_files import (
     check_payload_link,
     identified_mjcf,
     identified_urdf,
-    relocate_files,
     strip_to_joints,
     with_payload_link,
 )

@@ -222,20 +222,25 @@ def export_model(identification: Identification, path: str | Path, format: str |
 
 def relocate_exports(folder: Path, model_exports: Iterable[Export], sources: Sources) -> tuple[Export, ...]:
     """Return exports for a folder: a URDF names meshes relative to its own folder, so their paths are adapted."""
+    relocated = []
+    for export in model_exports:
+        if export.format in ("urdf", "drake") and export.written is not None:
+            text = relocate_urdf(export.written.text, sources, folder)
+            export = replace(export, written=replace(export.written, text=text))
+        relocated.append(export)
+    return tuple(relocated)
+
+
+def relocate_urdf(text: str, sources: Sources, folder: Path) -> str:
+    """Return a URDF to be written to a folder, with mesh names relative to it."""
     start = None if sources.model is None else real_path(Path(sources.model.path).parent)
     if start is None or start == real_path(folder):
-        return tuple(model_exports)
+        return text
     try:
         mesh_folder = Path(os.path.relpath(start, real_path(folder))).as_posix()
     except ValueError:  # another drive
         mesh_folder = start.as_posix()
-    return tuple(_relocate_export(export, mesh_folder) for export in model_exports)
-
-
-def _relocate_export(export: Export, mesh_folder: str) -> Export:
-    if export.format not in ("urdf", "drake") or export.written is None:
-        return export
-    return replace(export, written=replace(export.written, text=relocate_files(export.written.text, mesh_folder)))
+    return relocate_files(text, mesh_folder)
 
 
 def _select_exports(identification: Identification, name: str | None, file: str) -> list[Export]:

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.estimators import Estimate
 from dynident.files.row_store import RowStore
@@ -223,33 +222,22 @@ def statistics(table: pl.DataFrame, parameters: int) -> Statistics:
 
     successful = table.filter(pl.col("value").list.len() > 0)
     value, std = _list_column(successful, "value", parameters), _list_column(successful, "std", parameters)
-    given_interval = _list_column(successful, "interval", 2 * parameters).reshape(-1, parameters, 2)
-    normal_interval = np.stack([value - NORMAL_95 * std, value + NORMAL_95 * std], axis=2)
+    interval = _list_column(successful, "interval", 2 * parameters).reshape(-1, parameters, 2)
+    # two standard errors where the estimator gives no interval
+    is_absent = (successful["interval"].list.len() == 0).to_numpy()
+    interval[is_absent] = np.stack([value - NORMAL_95 * std, value + NORMAL_95 * std], axis=2)[is_absent]
     not_available = np.full(parameters, np.nan)
     return Statistics(
         mean=value.mean(axis=0) if len(successful) else not_available,
         variance=value.var(axis=0, ddof=1) if len(successful) > 1 else not_available,
         estimates=value,
         failed=len(table) - len(successful),
-        interval=np.where(_has_values(successful, "interval")[:, None, None], given_interval, normal_interval),
-        unsettled=int((successful["status"] == FitOutcome.UNSETTLED).sum()) if "status" in table.columns else 0,
+        interval=interval,
+        unsettled=int((successful["status"] == FitOutcome.UNSETTLED).sum()),
     )
 
 
 def _list_column(table: pl.DataFrame, name: str, size: int) -> Array:
     """Return a column of lists as an array (rows, size), nan where a list is empty."""
-    numbers = np.full((len(table), size), np.nan)
-    if (present := _has_values(table, name)).any():
-        lists = table[name].filter(present)
-        if wrong := set(lists.list.len()) - {size}:
-            words = f"lists of {min(wrong)} numbers in the column {name!r}, not of {size}"
-            raise InputError(f"the table of the study has {words}; delete it and run again.")
-        numbers[present] = lists.explode().to_numpy().reshape(-1, size)
-    return numbers
-
-
-def _has_values(table: pl.DataFrame, name: str) -> NDArray[np.bool_]:
-    """Return for each row whether its list in a column is not empty."""
-    if name not in table.columns:
-        return np.zeros(len(table), bool)
-    return np.asarray(table[name].list.len().fill_null(0).to_numpy() > 0)
+    rows = [row or [np.nan] * size for row in table[name].to_list()]
+    return np.array(rows, dtype=float).reshape(-1, size)

@@ -16,6 +16,8 @@ from dynident.apps.fleets import ChangeShape, History, find_changes, residual_gr
 from dynident.apps.fleets.components import scatter_of
 from dynident.apps.fleets.doubts import (
     _duplicate_warnings,
+    _misfit_warnings,
+    _rest_warnings,
     _simultaneous_change_warnings,
     common_groups,
     find_changes_and_residuals,
@@ -205,6 +207,17 @@ def test_the_same_recording_under_two_names_is_named() -> None:
     assert "log0 (robot0) = log2 (robot1)" in words
 
 
+def test_a_log_at_rest_is_named() -> None:
+    one, two = fleet(np.random.default_rng(5), 2, 3)
+    assert list(_rest_warnings([one, two])) == []
+    information = one.information.copy()
+    shown = np.isin(np.arange(len(SIZE)), [8, 9])
+    information[1] = np.where(np.outer(shown, shown), information[1], 0.0)
+    (words,) = _rest_warnings([replace(one, information=information), two])
+    assert words.endswith("as at rest: log1 (robot0).")
+    assert list(_rest_warnings([])) == []
+
+
 def test_a_robot_of_which_everything_changes_with_one_log_is_doubted() -> None:
     rng = np.random.default_rng(6)
 
@@ -230,3 +243,16 @@ def test_a_log_is_doubted_where_most_of_what_can_change_does(changed: int, group
         for kind in list(GroupKind)[:changed]
     ]
     assert bool(list(_simultaneous_change_warnings(SimpleNamespace(changes=steps), groups))) is doubted
+
+
+def test_logs_that_fit_far_worse_than_others_of_their_type_are_named() -> None:
+    errors = {"a": [1.0, 1.2, 2.9, 4.0, 1.2, 1.2, None], "b": [30.0, 33.0]}
+    status = {True: "ok", False: "failed"}
+    rows = [
+        {"robot": f"r{k}", "type": kind, "log": f"{k}.csv", "date": k, "status": status[bool(error)], "error": error}
+        for kind, some in errors.items()
+        for k, error in enumerate(some)
+    ]
+    assert list(_misfit_warnings(pl.DataFrame(rows[:3]))) == []
+    (words,) = _misfit_warnings(pl.DataFrame(rows))
+    assert "more than 3 times the median: 3.csv (r3), 4 %." in words

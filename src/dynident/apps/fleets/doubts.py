@@ -1,5 +1,5 @@
-"""Doubts about the logs of a fleet: the same recording twice, a robot of which everything changes at once, or all
-robots changing together.
+"""Doubts about the logs of a fleet: the same recording twice, an arm at rest, a robot of which everything
+changes at once, or all robots changing together.
 """
 
 from __future__ import annotations
@@ -18,14 +18,18 @@ from dynident.models import Joint
 from dynident.regression import GroupKind, ParameterGroup
 from dynident.runtime import join_names
 from dynident.runtime.arrays import Array
+from dynident.runtime.jobs import Status
 
 if TYPE_CHECKING:
+    import polars as pl
+
     from dynident.apps.fleets.result import FleetResult
 
 MIN_DOUBTED_GROUPS = 3  # groups of a robot that change with one log, before the log is doubted
 MIN_ROBOTS, MAX_LOGS, MAX_BINS = 3, 4000, 60  # at least, at most, and at most, to look for what robots have in common
 PERMUTATIONS = 199
 MAX_LISTED = 3
+MAX_RELATIVE_ERROR = 3.0  # times the median error of a type, from which on logs are named
 RANK_TOLERANCE = 1e-9
 RESIDUAL_RATE_SHARE = 0.2  # of the rate of false alarms that residuals have
 MIN_RESIDUAL_LOGS = 2  # logs that have the larger residual
@@ -35,6 +39,8 @@ MIN_EXPECTED_DRAWS = 10  # draws, at least, that are expected to show as much as
 def doubts(fleet_result: FleetResult, rng: np.random.Generator) -> Iterator[str]:
     """Yield warnings about logs that may not be what they are taken for; ``rng`` draws permutations of them."""
     yield from _duplicate_warnings(fleet_result.histories)
+    yield from _rest_warnings(fleet_result.histories)
+    yield from _misfit_warnings(fleet_result.rows)
     robots = {history.robot for history in fleet_result.histories}
     # the types of robots that have results, in the order of the changes
     kinds = [kind for kind, names in fleet_result.types.items() if not robots.isdisjoint(names)]
@@ -125,6 +131,42 @@ def _duplicate_warnings(histories: Sequence[History]) -> Iterator[str]:
     alike = [" = ".join(names) for names in logs_by_value.values() if len(names) > 1]
     if alike:
         yield f"the same recording stands under several names, and counts as often: {join_names(alike, MAX_LISTED)}."
+
+
+def _rest_warnings(histories: Sequence[History]) -> Iterator[str]:
+    """Yield a warning where logs show less than half of what others show."""
+    ranks = [(f"{log} ({history.robot})", _shown_rank(J)) for history in histories
+             for log, J in zip(history.logs, history.information, strict=True)]  # fmt: skip
+    usual_rank = np.median([rank for _, rank in ranks]) if ranks else 0
+    if weak_logs := [name for name, rank in ranks if rank < usual_rank / 2]:
+        names = join_names(weak_logs, MAX_LISTED)
+        yield f"logs that show less than half of the parameters that others show, as at rest: {names}."
+
+
+def _misfit_warnings(rows: pl.DataFrame) -> Iterator[str]:
+    """Yield a warning where logs fit far worse than the others of their type."""
+    import polars as pl
+
+    usual = pl.col("error").median().over("type")
+    worse = (
+        rows.filter(pl.col("status") == Status.OK)
+        .filter(pl.col("error") > MAX_RELATIVE_ERROR * usual)
+        .sort("robot", "date")
+    )
+    if names := [f"{log} ({robot}), {error:.3g} %" for log, robot, error in worse["log", "robot", "error"].iter_rows()]:
+        yield (
+            f"logs whose torque error is more than {MAX_RELATIVE_ERROR:.0f} times the median: "
+            f"{join_names(names, MAX_LISTED)}. They may need terms that the recipe has not, because they were not "
+            "among the logs that chose it."
+        )
+
+
+def _shown_rank(information: Array) -> int:
+    """Return the number of directions that are shown, whatever the units."""
+    size = np.sqrt(np.maximum(np.diag(information), 0.0))
+    is_shown = size > RANK_TOLERANCE * size.max(initial=0.0)
+    J = information[np.ix_(is_shown, is_shown)] / np.outer(size[is_shown], size[is_shown])
+    return int((np.linalg.eigvalsh(J) > RANK_TOLERANCE).sum()) if is_shown.any() else 0
 
 
 def _simultaneous_change_warnings(changes: Changes, groups: int) -> Iterator[str]:

@@ -9,7 +9,8 @@ import pytest
 import yaml
 from pydantic import TypeAdapter
 
-from dynident.apps.excitation.config import BoxSettings, CylinderSettings, ExcitationSettings, JointLimitSettings
+from dynident.apps.excitation import JointLimits
+from dynident.apps.excitation.config import BoxSettings, CylinderSettings, ExcitationSettings
 from dynident.apps.fleets.config import FleetSettings, RobotChanges
 from dynident.apps.ranking.config import CompareSettings
 from dynident.project import drive_settings, fields, settings
@@ -30,7 +31,7 @@ PARTS["estimator"] = PARTS.pop("estimator least squares")
 APPLICATIONS: dict[str, type[Section]] = {
     "excitation": ExcitationSettings,
     "compare": CompareSettings,
-    "joint limits": JointLimitSettings,
+    "joint limits": JointLimits,
     "box": BoxSettings,
     "cylinder": CylinderSettings,
     "fleet": FleetSettings,

@@ -18,7 +18,7 @@ from dynident.apps.excitation import (
     distance_figure,
     expected_figure,
 )
-from dynident.apps.excitation.config import JointLimitSettings, NoiseOrigin
+from dynident.apps.excitation.config import NoiseOrigin
 from dynident.apps.excitation.expected_report import (
     expected_findings,
     expected_section,
@@ -28,7 +28,7 @@ from dynident.apps.excitation.expected_report import (
     noise_words,
     shape_words,
 )
-from dynident.apps.excitation.limits import usual_arm
+from dynident.apps.excitation.limits import JointLimits, usual_arm
 from dynident.apps.excitation.report import (
     arm_view,
     excitation_findings,
@@ -99,7 +99,7 @@ def test_usual_limits_of_a_known_arm_are_offered_where_a_rule_stands(monkeypatch
     assert "--settings limits.yaml" in said[1]
     arm = usual_arm(ruled.model, ruled.limits)
     assert arm is not None
-    given = {"lift": JointLimitSettings(acceleration=1.0, upper=0.5)}
+    given = {"lift": JointLimits(acceleration=1.0, upper=0.5)}
     changed = replace(project, settings=project.settings.model_copy(update={"limits": given}))
     text = yaml.safe_load(_limits_text(changed, arm))
     assert text["limits"] == {"lift": {"acceleration": 1.0, "upper": 0.5}, "bend": {"acceleration": 7.0}}

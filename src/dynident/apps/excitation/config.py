@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, StrictBool, ValidationInfo, model_validator
 
-from dynident.apps.excitation.limits import MotionLimits
+from dynident.apps.excitation.limits import JointLimits, MotionLimits
 from dynident.apps.excitation.motion import MotionRequest
 from dynident.identification import Identification
 from dynident.models import Model
@@ -57,24 +57,6 @@ Rate = Annotated[float, BeforeValidator(bounded_reader(1.0, 20_000.0, " Hz"))]
 Harmonics = Annotated[int, BeforeValidator(whole_number_reader(50))]
 Starts = Annotated[int, BeforeValidator(whole_number_reader(1000))]
 Seed = Annotated[int, BeforeValidator(_read_seed)]
-
-
-class JointLimitSettings(Section):
-    """Limits of one joint, in rad or m, per s, s^2 and s^3, and N m or N; those left out are the robot file's, or made
-    by a rule."""
-
-    lower: Number | None = None
-    upper: Number | None = None
-    velocity: Positive | None = None
-    acceleration: Positive | None = None
-    jerk: Positive | None = None
-    torque: Positive | None = None
-
-    @model_validator(mode="after")
-    def _check_range(self) -> Self:
-        if self.lower is not None and self.upper is not None and self.lower >= self.upper:
-            raise ValueError(f"`lower` must be below `upper`, but {self.lower:g} >= {self.upper:g}")
-        return self
 
 
 class BoxSettings(Section):
@@ -127,7 +109,7 @@ class ExcitationSettings(Section):
     starts: Starts = MotionRequest.starts
     seed: Seed = 0
     margin: Share = 0.1
-    limits: Mapping[Name, JointLimitSettings] = {}
+    limits: Mapping[Name, JointLimits] = {}
     clearance: NonNegative = MotionRequest.clearance
     floor: Number | None = None
     boxes: Annotated[tuple[BoxSettings, ...], Field(max_length=100)] = ()

@@ -37,10 +37,6 @@ class GridReserve(Noun):
         """Return the smallest reserve that is kept free."""
         return cls(np.full(len(feasible.limits.joints), TORQUE_RESERVE), np.full(len(space.pairs), DISTANCE_RESERVE))
 
-    def maximum(self, other: GridReserve) -> GridReserve:
-        """Return the larger of two reserves, entry by entry."""
-        return GridReserve(np.maximum(self.torque, other.torque), np.maximum(self.distance, other.distance))
-
 
 class BarrierPoint(Noun):
     """The ``criterion`` at some coefficients, the ``value`` with the barrier, and its ``gradient`` (n, K)."""
@@ -67,7 +63,8 @@ class Interior(Noun):
 
     def with_reserve(self, reserve: GridReserve) -> Interior:
         """Return the problem with at least this reserve."""
-        return replace(self, spare=self.spare.maximum(reserve))
+        torque = np.maximum(self.spare.torque, reserve.torque)
+        return replace(self, spare=GridReserve(torque, np.maximum(self.spare.distance, reserve.distance)))
 
     @property
     def limits(self) -> MotionLimits:
@@ -191,8 +188,7 @@ class Interior(Noun):
         torque = np.maximum(more_torque, RESERVE_FACTOR * (tau - grid_torque) + TORQUE_RESERVE)
         more_distance = self.spare.distance + RESERVE_FACTOR * missing_distance
         distance = np.maximum(more_distance, RESERVE_FACTOR * (grid_gaps - gaps) + DISTANCE_RESERVE)
-        reserve = GridReserve(torque * (torque_excess > 0), distance * (missing_distance > 0))
-        return self.spare.maximum(reserve)
+        return GridReserve(torque * (torque_excess > 0), distance * (missing_distance > 0))
 
     def _extremes(self, states: Array, model: Model) -> tuple[Array, Array]:
         """Return the largest torques (n) as shares of the limits, and the least distances (P) beyond the clearance."""

@@ -9,16 +9,19 @@ slides. Where there is no torque limit, no torque is too large.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import model_validator
 
 from dynident.apps.excitation.trajectory import Course
 from dynident.models import Distances, Joint, Model, RigidBodies
 from dynident.models.robot_files import RobotJointLimits
 from dynident.project.arms import KnownArm, find_arm
+from dynident.project.fields import Number, Positive, Section
 from dynident.runtime import ConfigError, ModelError, Noun, choices, join_names
 from dynident.runtime.arrays import Array
 
@@ -26,6 +29,11 @@ ACCELERATION_TIME = 0.25  # s from rest to the velocity limit
 JERK_TIME = 0.05  # s from no acceleration to its limit
 MAX_FILE_RANGE = 4.001 * np.pi  # rad: a file with a wider range has none
 FILE_FIELDS = {"lower": "lower", "upper": "upper", "velocity": "velocity", "torque": "effort"}
+RULES: Mapping[str, Callable[[Mapping[str, Any]], float]] = {  # each by the limits before
+    "acceleration": lambda limits: limits["velocity"] / ACCELERATION_TIME,
+    "jerk": lambda limits: limits["acceleration"] / JERK_TIME,
+    "torque": lambda _: np.inf,
+}
 LIMITS_FILE = "limits.yaml"  # of a motion, with usual limits in place of rules
 MIN_SPEED_SHARE = 0.03  # of the velocity limit
 
@@ -36,16 +44,22 @@ CREEP_SHARE = 0.01  # of the velocity limit: slow
 BATCH_POSES, MAX_BATCHES = 500, 10  # random poses
 
 
-@dataclass(frozen=True)
-class JointLimits:
-    """Limits that a user gives for one joint, None where the robot file or a rule gives them: rad, rad/s, ... or m."""
+class JointLimits(Section):
+    """Limits that a user gives for one joint, in rad or m, per s, s^2 and s^3, and N m or N; those left out are the
+    robot file's, or made by a rule."""
 
-    lower: float | None = None
-    upper: float | None = None
-    velocity: float | None = None
-    acceleration: float | None = None
-    jerk: float | None = None
-    torque: float | None = None
+    lower: Number | None = None
+    upper: Number | None = None
+    velocity: Positive | None = None
+    acceleration: Positive | None = None
+    jerk: Positive | None = None
+    torque: Positive | None = None
+
+    @model_validator(mode="after")
+    def _check_range(self) -> Self:
+        if self.lower is not None and self.upper is not None and self.lower >= self.upper:
+            raise ValueError(f"`lower` must be below `upper`, but {self.lower:g} >= {self.upper:g}")
+        return self
 
 
 class MotionLimits(Noun):
@@ -104,7 +118,7 @@ def motion_limits(
         for joint in model.joints
     ]
     values = {
-        field.name: np.array([getattr(joint, field.name) for joint, _ in joint_limits]) for field in fields(JointLimits)
+        name: np.array([joint[name] for joint, _ in joint_limits], dtype=float) for name in JointLimits.model_fields
     }
     # half of the margin at either end
     reserve = margin / 2 * (values["upper"] - values["lower"])
@@ -168,9 +182,9 @@ def _intersect_limits(
 
 def _joint_limits(
     joint: Joint, user_limits: JointLimits, file_limits: RobotJointLimits, model: Model
-) -> tuple[JointLimits, tuple[str, ...]]:
+) -> tuple[Mapping[str, float | None], tuple[str, ...]]:
     """Return all limits of a joint, and the names of those that come from a rule."""
-    values: dict[str, float | None] = {field.name: getattr(user_limits, field.name) for field in fields(user_limits)}
+    values: dict[str, float | None] = user_limits.model_dump()
     given_names = {name for name, value in values.items() if value is not None}
     # given by the user, else by the file, else by a rule
     for name, file_field in FILE_FIELDS.items():
@@ -180,16 +194,11 @@ def _joint_limits(
     if values["lower"] is None or values["upper"] is None:
         values["lower"], values["upper"] = _default_range(values["lower"], values["upper"])
         rules.append("position")
-    if (acceleration := values["acceleration"]) is None:
-        values["acceleration"] = acceleration = (values["velocity"] or 0.0) / ACCELERATION_TIME
-        rules.append("acceleration")
-    if values["jerk"] is None:
-        values["jerk"] = acceleration / JERK_TIME
-        rules.append("jerk")
-    if values["torque"] is None:
-        values["torque"] = np.inf
-        rules.append("torque")
-    return JointLimits(**values), tuple(rules)
+    for name, rule in RULES.items():
+        if values[name] is None:
+            values[name] = rule(values)
+            rules.append(name)
+    return values, tuple(rules)
 
 
 def _check_range(joint: Joint, values: Mapping[str, float | None], given_names: set[str], model: Model) -> None:

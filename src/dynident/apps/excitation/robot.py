@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
-from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -71,11 +70,8 @@ class ExcitationProject(Noun):
         """What stands around the robot."""
         settings = self.settings
         floor = () if settings.floor is None else (Floor(settings.floor),)
-        boxes = (Box(obstacle.name, obstacle.centre, obstacle.size) for obstacle in settings.boxes)
-        cylinders = []
-        for shape in settings.cylinders:
-            bottom, top = -np.inf if shape.bottom is None else shape.bottom, np.inf if shape.top is None else shape.top
-            cylinders.append(Cylinder(shape.name, shape.centre, shape.radius, bottom, top))
+        boxes = (Box(**box.model_dump()) for box in settings.boxes)
+        cylinders = (Cylinder(**cylinder.model_dump(exclude_none=True)) for cylinder in settings.cylinders)
         return (*floor, *boxes, *cylinders)
 
     @cached_property
@@ -184,11 +180,11 @@ def read_excitation(
 
 def _user_limits(settings: ExcitationSettings, model: Model, speed: float | None) -> dict[str, JointLimits]:
     """Return the limits of the settings, and the ``speed`` of joints for which nothing gives one."""
-    limits = {name: JointLimits(**limit.model_dump()) for name, limit in settings.limits.items()}
+    limits = dict(settings.limits)
     for joint in model.joints if speed is not None else ():
         limit, in_file = limits.get(joint.name, JointLimits()), model.limits.get(joint.name)
         if limit.velocity is None and (in_file is None or in_file.velocity is None):
-            limits[joint.name] = replace(limit, velocity=speed)
+            limits[joint.name] = limit.model_copy(update={"velocity": speed})
     return limits
 
 

@@ -108,12 +108,10 @@ class Plan(NamedTuple):
 
 
 class SearchResult(Noun):
-    """Best coefficients ``x`` (n, K) of a search with their ``criterion``, the number of ``starts``, and
-    whether it was ``interrupted``."""
+    """Best coefficients ``x`` (n, K) of a search with their ``criterion``, and whether it was ``interrupted``."""
 
     x: Array
     criterion: float
-    starts: int
     interrupted: bool = False
 
 
@@ -145,8 +143,8 @@ def search(
     motions = [_SearchMotion(k, x=x) for k, x in enumerate(initial)] or [
         _SearchMotion(k, seed) for k, seed in enumerate(seeds)
     ]
-    count, best, interrupted = len(motions), list[_SearchMotion](), False
-    job_counts = [count]
+    best, interrupted = list[_SearchMotion](), False
+    job_counts = [len(motions)]
     # each stage goes on with the best share of the motions, so that the expensive ones are few
     for stage in stages[1:]:
         job_counts.append(max(1, int(np.ceil(job_counts[-1] * stage.kept_share))))
@@ -173,7 +171,7 @@ def search(
         if not best:
             raise
         interrupted = True
-    return SearchResult(np.asarray(best[0].x), best[0].criterion, count, interrupted)
+    return SearchResult(np.asarray(best[0].x), best[0].criterion, interrupted)
 
 
 def _merit(motion: _SearchMotion) -> tuple[float, int]:

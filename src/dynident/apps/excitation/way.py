@@ -100,20 +100,14 @@ def _power_derivatives(s: Array, d: int) -> Array:
 def _bernstein_matrix(d: int) -> Array:
     """Return the Bernstein coefficients (R, 6) of the derivative of order ``d`` of 1, s, ... s^5 on the parts
     of 0 to 1."""
-    degree = DEGREE - d
-    nodes = np.linspace(0, 1, degree + 1)
-    at_nodes = _bernstein_polynomials(nodes, degree)
+    from scipy.interpolate import BPoly
+
+    size = DEGREE - d + 1
+    nodes = np.linspace(0, 1, size)
+    at_nodes = BPoly(np.eye(size)[:, None], [0, 1])(nodes)  # of the Bernstein polynomials
     return np.concatenate(
         [np.linalg.solve(at_nodes, _power_derivatives((k + nodes) / BOUND_PARTS, d)) for k in range(BOUND_PARTS)]
     )
-
-
-def _bernstein_polynomials(s: Array, degree: int) -> Array:
-    """Return the Bernstein polynomials of a degree, shape (N, degree + 1)."""
-    from scipy.special import comb
-
-    k = np.arange(degree + 1)
-    return np.asarray(comb(degree, k) * s[:, None] ** k * (1 - s[:, None]) ** (degree - k))
 
 
 def direct_path(feasible: Feasibility, start: Array, end: Array) -> Quintic | None:

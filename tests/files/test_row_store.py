@@ -153,21 +153,21 @@ def test_whatever_stops_a_run_its_rows_are_kept(path: Path, stop: type[BaseExcep
     assert not [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer) and thread.is_alive()]
 
 
-@pytest.mark.parametrize("stop", range(3))
-def test_a_run_that_is_stopped_while_it_saves(path: Path, monkeypatch: pytest.MonkeyPatch, stop: int) -> None:
-    """Between any two steps: each row once, and of those with one key the last."""
+@pytest.mark.parametrize("is_written", [False, True])
+def test_a_run_that_is_stopped_while_it_saves(path: Path, monkeypatch: pytest.MonkeyPatch, is_written: bool) -> None:
+    """Before or after a part is written: each row once, and of those with one key the last."""
     killed(path, row(0), row(1))
-    place, count = RowStore._place, iter(range(99))
 
-    def interrupted(self: RowStore, *given: Any, **named: Any) -> None:
-        if next(count) == stop:
-            raise KeyboardInterrupt
-        place(self, *given, **named)
+    def interrupted(path: Path, frame: pl.DataFrame) -> Path:
+        monkeypatch.undo()
+        if is_written:
+            row_store.write_table(path, frame)
+        raise KeyboardInterrupt
 
     def stopped() -> None:
         with store(path) as table:
             table.add([row(1, value=2.0), row(2), row(0, value=3.0)])
-            monkeypatch.setattr(RowStore, "_place", interrupted)
+            monkeypatch.setattr(row_store, "write_table", interrupted)
             table.save()
 
     with pytest.raises(KeyboardInterrupt):

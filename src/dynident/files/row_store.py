@@ -4,8 +4,8 @@ Beside a table ``study.parquet`` lies the folder ``study.parquet.parts`` while i
 new rows become one more file there, so that saving a row costs the same however many there are; a killed run
 loses only the rows of the last seconds. The next run reads the keys of the table and of the parts; of two
 rows with one key, that in the later part counts. The end merges all parts, piece by piece, into the table,
-which gets its name when it is complete, and then removes them, the oldest first: whatever is left of them,
-the last row of each key still counts.
+which gets its name when it is complete (in memory, where rows were replaced), and then removes them, the oldest first:
+whatever is left of them, the last row of each key still counts.
 """
 
 from __future__ import annotations
@@ -13,8 +13,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, nullcontext, suppress
-from dataclasses import field
-from itertools import groupby
 from pathlib import Path
 from threading import RLock, Timer
 from types import TracebackType
@@ -25,7 +23,7 @@ from dynident.files.folder import hold_folder, whole_file
 from dynident.files.opener import afford, cause, open_input
 from dynident.files.results import write_table
 from dynident.files.text import call_polars
-from dynident.runtime import InputError, Noun, Step, join_names, report_progress
+from dynident.runtime import InputError, Step, join_names, report_progress
 from dynident.runtime.jobs import JobOptions, JobResult, run_jobs
 
 if TYPE_CHECKING:
@@ -41,15 +39,6 @@ MAX_UNSAVED_ROWS = 20_000  # rows in memory that are not yet in a part
 ROWS_PER_GROUP = 50_000  # rows of the table that a reader takes at once
 KEY_BYTES = 300  # memory of a key
 PART_NAME = re.compile(r"(\d{4,})-[0-9a-f]{8}\.parquet")
-
-
-class _StoredPart(Noun):
-    """Rows that belong together, in a file or in memory; ``replaced_keys`` have another row in a later part."""
-
-    rows: pl.LazyFrame
-    count: int
-    path: Path | None = None
-    replaced_keys: list[Key] = field(default_factory=list)
 
 
 class RowStore:
@@ -74,9 +63,10 @@ class RowStore:
         self.path = None if path is None else Path(path)
         self.schema, self.key, self.rerun = dict(schema), tuple(key), rerun
         self.again = {name: list(values) for name, values in (retried or {}).items()}
-        self._parts: list[_StoredPart] = []
-        self._latest: dict[Key, int] = {}  # the number of the part with the row that counts; ~number of one not known
-        self._count = 0
+        self._frames: list[pl.LazyFrame] = []  # the table of an earlier run, or what is in memory
+        self._files: list[Path] = []  # the parts, whose rows come after those
+        self._known: dict[Key, bool] = {}  # whether the row of a key is known, or only kept until there is another
+        self._count, self._replaces = 0, False  # of known rows; whether a key has several rows
         self._new: dict[Key, Mapping[str, Any]] = {}  # the next part
         self._lock = RLock()
         self._timer: Timer | None = None
@@ -114,7 +104,7 @@ class RowStore:
             self._merge()
 
     def __contains__(self, key: object) -> bool:
-        return key in self._new or self._latest.get(key, -1) >= 0  # type: ignore[call-overload]
+        return self._known.get(key, False)  # type: ignore[call-overload]
 
     def __len__(self) -> int:
         return self._count
@@ -131,14 +121,13 @@ class RowStore:
                 if unknown := row.keys() - self.schema.keys():
                     raise ValueError(f"the table has no columns {sorted(unknown)}")
                 key = tuple(row[name] for name in self.key)
-                # a row counts once, also where it replaces another
-                self._count += key not in self
                 self._new[key] = row
+                self._note(key, is_known=True)
                 if len(self._new) >= MAX_UNSAVED_ROWS:
                     self.save()
             if self._new and self.path is not None and self._timer is None:
                 # parts become rarer with their number, so that their count stays moderate
-                self._timer = Timer(SAVE_EVERY * (1 + len(self._parts) // PARTS_PER_SLOWDOWN), self._save_from_timer)
+                self._timer = Timer(SAVE_EVERY * (1 + len(self._files) // PARTS_PER_SLOWDOWN), self._save_from_timer)
                 self._timer.daemon = True
                 self._timer.start()
 
@@ -177,44 +166,30 @@ class RowStore:
         with self._lock:
             if not self._new:
                 return
-            frame, path = pl.DataFrame(list(self._new.values()), schema=self.schema), None
-            if self.folder is not None:
+            frame = pl.DataFrame(list(self._new.values()), schema=self.schema)
+            if self.folder is None:
+                self._frames, self._new = [*self._frames, frame.lazy()], {}
+            else:
                 # numbered on from the last part, so that the order of the parts is that of their names
-                last = _part_number(self._parts[-1].path) if self._parts else 0
+                last = _part_number(self._files[-1]) if self._files else 0
                 path = write_table(self.folder / f"{last + 1:04d}-{uuid4().hex[:8]}.parquet", frame)
-            for key in self._new:  # in this order: Ctrl-C may come between any two steps
-                self._place(key, len(self._parts))
-            self._parts.append(_StoredPart(frame.lazy() if path is None else _scan_files(path), len(frame), path))
-            self._new = {}
+                # both at once, lest Ctrl-C comes between and the rows are written twice
+                self._files, self._new = [*self._files, path], {}
 
     def scan(self) -> pl.LazyFrame:
         """Return all rows as a query, read when it is collected."""
         import polars as pl
 
         self.save()
-        frames = [pl.LazyFrame(schema=self.schema)]
-        # neighbouring files without replaced rows are read by one scan
-        for is_unreplaced, parts in groupby(
-            list(self._parts), lambda part: not part.replaced_keys and part.path not in (None, self.path)
-        ):
-            if is_unreplaced:
-                frames.append(_scan_files(*(part.path for part in parts)))
-                continue
-            for part in parts:
-                if not part.replaced_keys:
-                    frames.append(part.rows)
-                elif len(part.replaced_keys) < part.count:
-                    kinds = {name: self.schema[name] for name in self.key}
-                    replaced = pl.LazyFrame(part.replaced_keys, schema=kinds, orient="row")
-                    # an anti-join drops the rows whose keys stand in a later part
-                    frames.append(part.rows.join(replaced, on=self.key, how="anti"))
-        return pl.concat(frames)
+        parts = [_scan_files(*self._files)] if self._files else []
+        rows = pl.concat([pl.LazyFrame(schema=self.schema), *self._frames, *parts])
+        return rows.unique(self.key, keep="last", maintain_order=True) if self._replaces else rows
 
     def table(self, keys: pl.DataFrame | None = None) -> pl.DataFrame:
         """Return all rows, or those whose keys are in ``keys`` (a table of the key columns)."""
         rows = self.scan()
         if keys is None:
-            count = sum(part.count for part in self._parts)
+            count = len(self._known)
             afford(16 * count * len(self.schema), f"{self.path}: its {count} rows would take")
         else:
             rows = rows.join(keys.lazy(), on=self.key, how="semi")
@@ -228,38 +203,39 @@ class RowStore:
             except Exception as error:  # for the next call
                 self._error = error
 
-    def _place(self, key: Key, number: int, *, is_known: bool = True) -> None:
-        """Note which part has the row of a key."""
-        previous = self._latest.get(key)
-        if previous is not None:
-            # the sign of the number tells whether the row is known: ~n is negative
-            part = ~previous if previous < 0 else previous
-            if part < number:
-                self._parts[part].replaced_keys.append(key)
-        self._latest[key] = number if is_known else ~number
+    def _note(self, key: Key, *, is_known: bool) -> None:
+        """Note that there is a row of a key, after which an earlier one does not count."""
+        self._replaces |= key in self._known
+        self._count += is_known - (key in self)
+        self._known[key] = is_known
 
     def _read_keys(self, file: Path) -> None:
         """Read the keys of a file."""
-        part, number = self._open_part(file), len(self._parts)
-        self._parts.append(part)
-        afford(KEY_BYTES * part.count, f"{file}: the keys of its {part.count} rows would take")
+        rows, count = self._open_table(file)
+        afford(KEY_BYTES * count, f"{file}: the keys of its {count} rows would take")
         # keys only, in groups of rows, as the table may be larger than the memory
-        keys = part.rows.select(*self.key, self._unknown_expression().alias(""))
+        keys = rows.select(*self.key, self._unknown_expression().alias(""))
         # equal values share one object, which saves most of the memory of the keys
         pools: list[dict[Any, Any]] = [{} for _ in self.key]  # most values stand in many keys
-        for start in range(0, part.count, ROWS_PER_GROUP):
-            frame = self._run_query(keys.slice(start, ROWS_PER_GROUP).collect)
+        in_file = set[Key]()
+        for start in range(0, count, ROWS_PER_GROUP):
+            frame = self._run_query(keys.slice(start, ROWS_PER_GROUP).collect, file)
             for name in self.key:
                 if frame[name].null_count():
                     raise _foreign_error(file, f"its column {name!r} has empty cells")
             for *values, unknown in frame.iter_rows():
                 key = tuple(pool.setdefault(value, value) for pool, value in zip(pools, values, strict=True))
-                if self._latest.get(key) in (number, ~number):
+                if key in in_file:
                     raise _foreign_error(file, "a row stands in it twice")
-                self._count += (not unknown) - (key in self)
-                self._place(key, number, is_known=not unknown)
+                in_file.add(key)
+                self._note(key, is_known=not unknown)
+        if file == self.path:
+            self._frames.append(rows)
+        else:
+            self._files.append(file)
 
-    def _open_part(self, file: Path) -> _StoredPart:
+    def _open_table(self, file: Path) -> tuple[pl.LazyFrame, int]:
+        """Return the rows of a file, with the columns in their order, and their number."""
         import polars as pl
 
         with open_input(file, remember=False):  # no pipe, and not too large
@@ -271,7 +247,7 @@ class RowStore:
             raise _damaged_error(file, error) from error
         if reason := self._schema_fault(schema):
             raise _foreign_error(file, reason)
-        return _StoredPart(_scan_files(file).select(list(self.schema)), int(count), file)
+        return _scan_files(file).select(list(self.schema)), int(count)
 
     def _unknown_expression(self) -> pl.Expr:
         """Return the expression that marks rows which count as not known."""
@@ -295,8 +271,7 @@ class RowStore:
         """Merge all rows into the table, a piece at a time, and remove the parts."""
         import polars as pl
 
-        files = [part.path for part in self._parts if part.path not in (None, self.path)]
-        if self.path is None or not files:
+        if self.path is None or not self._files:
             return
         try:
             with whole_file(self.path) as temporary:
@@ -307,23 +282,23 @@ class RowStore:
                 "room or allow writing, and run the same command again."
             ) from error
         # only after the table has its name: until then the parts hold the rows
-        for file in files:
+        for file in self._files:
             file.unlink(missing_ok=True)
-        self._parts = [_StoredPart(_scan_files(self.path), len(self._latest), self.path)]
+        self._frames, self._files, self._replaces = [_scan_files(self.path)], [], False
 
-    def _run_query(self, read: Callable[[], T]) -> T:
-        """Run a query over the parts; InputError that names a damaged part."""
+    def _run_query(self, read: Callable[[], T], *files: Path) -> T:
+        """Run a query over ``files``, by default all of the store; InputError that names a damaged one."""
         import polars as pl
 
         try:
             return call_polars(read)
         except (pl.exceptions.PolarsError, ValueError, OSError):
             # the query does not tell which file failed: each is read alone
-            for part in self._parts:
+            for file in files or [path for path in (self.path, *self._files) if path is not None and path.exists()]:
                 try:
-                    call_polars(part.rows.collect)
+                    call_polars(_scan_files(file).collect)
                 except (pl.exceptions.PolarsError, ValueError, OSError) as error:
-                    raise _damaged_error(part.path, error) from error
+                    raise _damaged_error(file, error) from error
             raise
 
 
@@ -332,18 +307,18 @@ def parts_folder(table: Path) -> Path:
     return table.with_name(f"{table.name}.parts")
 
 
-def _scan_files(*files: Path | None) -> pl.LazyFrame:
+def _scan_files(*files: Path) -> pl.LazyFrame:
     import polars as pl
 
-    return pl.scan_parquet(list(files), glob=False, hive_partitioning=False)  # type: ignore[arg-type]
+    return pl.scan_parquet(list(files), glob=False, hive_partitioning=False)
 
 
-def _part_number(file: Path | None) -> int:
-    match = PART_NAME.fullmatch(file.name) if file else None
+def _part_number(file: Path) -> int:
+    match = PART_NAME.fullmatch(file.name)
     return int(match[1]) if match else 0
 
 
-def _damaged_error(file: Path | None, error: Exception) -> InputError:
+def _damaged_error(file: Path, error: Exception) -> InputError:
     return InputError(f"{file}: is not a readable table ({error}); delete it and run again: its rows are made anew.")
 
 

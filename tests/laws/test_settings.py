@@ -78,7 +78,7 @@ def short(value):
 
 HUGE = int("f" * 4000, 16)
 CAUSES = {
-    "huge": ("", "min_speed", HUGE, ("line 26: 0xffff", "number of 4002 digits")),
+    "huge": ("", "min_speed", HUGE, ("line 26", "0xffff", "number of 4002 digits")),
     "gain of 0": ("torque", "gain", 0, ("torque.slider.gain: a gain other than 0", "got 0")),
     "huge gain": ("position", "gain", 1e300, ("position.slider.gain: a finite number, at most 1e+15", "got 1e+300")),
     "gravity": ("model", "gravity", [0, 0, 1e300], ("model.gravity[2]: a number from -1000 to 1000 m/s^2",)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from itertools import chain
 from typing import Any
 
@@ -26,22 +26,38 @@ _BOOL_TAG, _STR_TAG = "tag:yaml.org,2002:bool", "tag:yaml.org,2002:str"
 
 
 class ConfigLoader(yaml.SafeLoader):
-    """YAML loader with a limit of nodes; keys such as ``on`` are texts, not the truth values of YAML 1.1."""
+    """YAML loader with a limit of nodes, aliases written out; keys are given once, and texts, also ``on``."""
 
-    count = 0
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._sizes: dict[int, int] = {}  # the nodes in each, with aliases written out
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Count a node."""
-        self.count += 1
-        if self.count > MAX_NODES:
+        """Count a node while the text is read: nested aliases grow exponentially."""
+        is_alias = self.check_event(yaml.AliasEvent)
+        node = super().compose_node(parent, index)
+        if not is_alias:
+            if node.tag == _INT_TAG and len(node.value) > MAX_DIGITS:
+                words = f"{node.value[:20]}... is a number of {len(node.value)} digits; no setting is so large"
+                raise yaml.composer.ComposerError(None, None, words, node.start_mark)
+            inside = node.value if isinstance(node, yaml.CollectionNode) else ()
+            children = chain.from_iterable(inside) if isinstance(node, yaml.MappingNode) else inside
+            self._sizes[id(node)] = 1 + sum(self._sizes[id(child)] for child in children)
+        # an alias inside its own anchor has no size yet
+        if self._sizes.get(id(node), MAX_NODES + 1) > MAX_NODES:
             raise _TooManyError
-        return super().compose_node(parent, index)
+        return node
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         """Read keys as texts."""
         node = super().compose_mapping_node(anchor)
-        for key, _ in node.value:
+        keys = [key for key, _ in node.value if isinstance(key, yaml.ScalarNode)]  # others are refused as keys
+        for key in keys:
             key.tag = _STR_TAG if key.tag == _BOOL_TAG else key.tag
+        counts = Counter(key.value for key in keys)
+        if repeated := [key for key in keys if counts[key.value] > 1]:
+            words = f"the key {repeated[0].value!r} is given twice; keep one of them"
+            raise yaml.composer.ComposerError(None, None, words, repeated[-1].start_mark)
         return node
 
 
@@ -54,16 +70,9 @@ def load_yaml(text: str, source: str) -> Any:
     if len(text) > MAX_CHARACTERS:
         raise ConfigError(f"{source}: has {len(text)} characters; {MAX_CHARACTERS} are the most that are read.")
     try:
-        loader = ConfigLoader(text)
-        tree = loader.get_single_node()
-        # nodes are counted before they are constructed: nested aliases grow exponentially
-        _count_nodes(tree, {}, source)
-        doubled = next(_doubled_keys(tree, set()), None)
-        data = None if tree is None else loader.construct_document(tree)
+        data = ConfigLoader(text).get_single_data()
         if is_deep(data):
             raise RecursionError
-    except ConfigError:
-        raise
     except RecursionError:
         raise ConfigError(f"{source}: its lists and mappings are nested too deep; no setting is.") from None
     except _TooManyError:
@@ -76,47 +85,7 @@ def load_yaml(text: str, source: str) -> Any:
         raise ConfigError(f"{source}: {where}{error.problem}; the file must be valid YAML.") from error
     except Exception as error:  # values such as 2022-99-99 fail in many ways inside the YAML reader
         raise ConfigError(f"{source}: is not valid YAML ({type(error).__name__}: {error}).") from error
-    if doubled is not None:
-        line = doubled.start_mark.line + 1
-        raise ConfigError(f"{source}: line {line}: the key {doubled.value!r} is given twice; keep one of them.")
     return data
-
-
-def _count_nodes(node: yaml.Node | None, node_counts: dict[int, int], source: str) -> int:
-    """Return the number of nodes with aliases written out; ``node_counts`` caches those of visited nodes.
-
-    Raises ConfigError for a number of more digits than any setting has.
-    """
-    if not isinstance(node, yaml.MappingNode | yaml.SequenceNode):
-        if node is not None and node.tag == _INT_TAG and len(node.value) > MAX_DIGITS:
-            raise ConfigError(
-                f"{source}: line {node.start_mark.line + 1}: {node.value[:20]}... is a number of {len(node.value)} "
-                "digits; no setting is so large."
-            )
-        return 1
-    if id(node) not in node_counts:
-        node_counts[id(node)] = MAX_NODES  # where an alias is inside its own anchor
-        inside = chain.from_iterable(node.value) if isinstance(node, yaml.MappingNode) else node.value
-        node_counts[id(node)] = 1 + sum(_count_nodes(child, node_counts, source) for child in inside)
-        if node_counts[id(node)] > MAX_NODES:
-            raise _TooManyError
-    return node_counts[id(node)]
-
-
-def _doubled_keys(node: yaml.Node | None, visited: set[int]) -> Iterator[yaml.Node]:
-    """Yield the keys that repeat in their mapping; each node is visited once, as ``visited`` tells."""
-    if node is None or id(node) in visited:
-        return
-    visited.add(id(node))
-    if isinstance(node, yaml.MappingNode):
-        keys = [key for key, _ in node.value if isinstance(key, yaml.ScalarNode)]  # others are refused as keys
-        counts = Counter(key.value for key in keys)
-        yield from (key for key in reversed(keys) if counts[key.value] > 1)
-        for child in chain.from_iterable(node.value):
-            yield from _doubled_keys(child, visited)
-    elif isinstance(node, yaml.SequenceNode):
-        for child in node.value:
-            yield from _doubled_keys(child, visited)
 
 
 def is_deep(data: object) -> bool:

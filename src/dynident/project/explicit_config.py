@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, asdict, fields
 from hashlib import sha256
 from pathlib import Path
@@ -187,36 +186,16 @@ def _comment_lines(comments: Mapping[str, Sequence[str]], key: str, indent: str 
     return [f"{indent}# {UNPRINTABLE.sub('?', line)}" for line in comments.get(key, ())]
 
 
-def _yaml_lines(key: str, value: Any, indent: str = "") -> Iterator[str]:
-    """Yield a setting as YAML: each entry of a list of mappings, or mapping of them, on a line of its own."""
-    if isinstance(value, list) and any(isinstance(entry, dict) for entry in value):
-        yield f"{indent}{_flow_line({key: None})}"
-        yield from (f"{indent}  - {_flow_text(entry)}" for entry in value)
-        return
-    lines = [f"{indent}{_flow_line({key: value})}"]
-    if isinstance(value, dict) and any(isinstance(entry, dict) for entry in value.values()):
-        entries = [_flow_line({name: entry}) for name, entry in value.items()]
-        # very long keys cannot stand on a line before a colon
-        if not any(entry.startswith("?") for entry in entries):
-            lines = [f"{indent}{_flow_line({key: None})}", *(f"{indent}  {entry}" for entry in entries)]
-    yield from lines
-
-
-def _flow_line(value: dict[Any, Any]) -> str:
-    """Return a mapping of one key on one line."""
-    text = _flow_text(value)[1:-1]
-    return text.removesuffix(" null") if list(value.values()) == [None] else text
-
-
-def _flow_text(value: Any) -> str:
-    text = yaml.dump(
-        value, Dumper=_Dumper, default_flow_style=True, width=math.inf, sort_keys=False, allow_unicode=True
-    )
-    return str(text).strip(os.linesep + "\n")
+def _yaml_lines(key: str, value: Any, indent: str = "") -> list[str]:
+    """Return a setting as YAML, in which mappings and lists of plain values alone are on one line."""
+    how = {"default_flow_style": None, "width": math.inf, "sort_keys": False, "allow_unicode": True}
+    text = yaml.dump({key: value}, Dumper=_Dumper, **how).rstrip("\n")
+    text = text[1:-1] if text.startswith("{") else text  # of one plain value
+    return [indent + line for line in text.split("\n")]
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes the key ``on`` without quotes, as it is read, and nothing as an alias."""
+    """Writes the key ``on`` without quotes, as it is read, lists below their key, and nothing as an alias."""
 
     def represent_mapping(self, tag: str, mapping: Any, flow_style: bool | None = None) -> yaml.MappingNode:
         node = super().represent_mapping(tag, mapping, flow_style)
@@ -224,6 +203,9 @@ class _Dumper(yaml.SafeDumper):
         for key, _ in node.value:
             key.tag = _BOOL_TAG if key.value == "on" else key.tag
         return node
+
+    def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:  # noqa: ARG002
+        return super().increase_indent(flow)
 
     def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002
         return True

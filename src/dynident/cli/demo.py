@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import click
 
 from dynident.cli.failures import command
-from dynident.cli.identification import draft_from_files, write_result
+from dynident.cli.identification import draft_from_files
 from dynident.cli.options import DIRECTORY, JSON_FILE, WorkerOptions, add_worker_options
 from dynident.cli.terminal import console, print_paths, status
 from dynident.runtime import report_progress
@@ -18,7 +18,6 @@ from dynident.runtime import report_progress
 if TYPE_CHECKING:
     from dynident.apps.demo import Comparison
     from dynident.cli.screen import Screen
-    from dynident.identification import Identification
 
 LOGS = ("monday.parquet", "tuesday.parquet")
 SHORT_WATCH = ("--once", "--block", 0.5, "--baseline", 10)  # of a recording of 15 s
@@ -36,6 +35,7 @@ def demo(out: Path, files: bool, servo: bool) -> None:
     """
     from dynident.apps.demo import compare_with_truth, demo_files
     from dynident.files.opener import remember_inputs
+    from dynident.project.saved import load
 
     screen = console()
     if servo:
@@ -47,9 +47,10 @@ def demo(out: Path, files: bool, servo: bool) -> None:
     screen.say(f"{out.resolve()} has a robot file, arm.urdf, and two simulated recordings of that arm.")
     if files:
         return
-    _check_config(screen, out, _draft_config(screen, out))
-    identification = _run_identify(screen, out)
-    _show_comparison(screen, compare_with_truth(identification))
+    _draft_config(screen, out)
+    _run(screen, "check", out / "robot.yaml")
+    _run(screen, "identify", out / "robot.yaml", "--out", out / "result")
+    _show_comparison(screen, compare_with_truth(load(out / "result" / "result.json")))
     _print_heading(screen, "Next")
     for title, hint in _next_steps(out):
         screen.remark(f"{title}:")
@@ -103,8 +104,8 @@ def _print_heading(screen: Screen, text: str) -> None:
     screen.say(text, "bold")
 
 
-def _draft_config(screen: Screen, out: Path) -> str:
-    """Draft robot.yaml and return its text; raises InputError where another, perhaps edited, one exists."""
+def _draft_config(screen: Screen, out: Path) -> None:
+    """Draft robot.yaml; raises InputError where another, perhaps edited, one exists."""
     from dynident.files.opener import content
     from dynident.files.results import write_text
     from dynident.runtime import InputError
@@ -118,45 +119,15 @@ def _draft_config(screen: Screen, out: Path) -> str:
         raise InputError(f"{config}: exists already, and is not the one that is drafted; give another folder by --out.")
     write_text(config, text)
     screen.say("robot.yaml names the column and unit of each joint's position and torque.")
-    return text
 
 
-def _check_config(screen: Screen, out: Path, text: str) -> None:
-    """Check the drafted configuration and print the findings."""
-    from dynident.project.project import parse_project
-    from dynident.report.check import check_summary
-    from dynident.runtime import Severity
-
-    config = out / "robot.yaml"
-    _print_heading(screen, f"$ {command('check', config)}")
-    with status():
-        check_result = parse_project(text, config).examine()
-    screen.say(check_summary(check_result))
-    for finding in check_result.findings:
-        if finding.severity is not Severity.INFO:
-            screen.say(finding.text)
-
-
-def _run_identify(screen: Screen, out: Path) -> Identification:
-    from dynident.files.folder import result_folder
-    from dynident.project.export import exports
-    from dynident.project.export.proof import relocate_exports
-    from dynident.project.project import read_project
-    from dynident.report.identification.head import summary_lines
-    from dynident.report.identification.report import verdict_text
-
-    _print_heading(screen, f"$ {command('identify', out / 'robot.yaml', '--out', out / 'result')}")
-    with result_folder(out / "result") as folder:
-        with status():
-            identification = read_project(out / "robot.yaml").identify()
-            report_progress("writing and verifying the model")
-            model_files = relocate_exports(folder.path, exports(identification), identification.provenance)
-            written = write_result(folder, identification, model_files)
-        for text in summary_lines(identification):
-            screen.say(text)
-        screen.say(f"Files in {out / 'result'}: {', '.join(path.name for _, path in written)}")
-        screen.say(verdict_text(identification), "bold")
-    return identification
+def _run(screen: Screen, name: str, *words: object) -> None:
+    """Print a command, and run it."""
+    _print_heading(screen, f"$ {command(name, *words)}")
+    root = click.get_current_context().find_root()
+    work = cast("click.Group", root.command).commands[name]
+    with work.make_context(name, list(map(str, words)), root) as context:
+        work.invoke(context)
 
 
 def _show_comparison(screen: Screen, comparison: Comparison) -> None:

@@ -13,7 +13,6 @@ from dynident.cli.failures import command
 from dynident.cli.identification import draft_from_files
 from dynident.cli.options import DIRECTORY, JSON_FILE, WorkerOptions, add_worker_options
 from dynident.cli.terminal import console, print_paths, status
-from dynident.runtime import report_progress
 
 if TYPE_CHECKING:
     from dynident.apps.demo import Comparison

@@ -23,8 +23,8 @@ These options stand before or after the name of a command (`--debug` and `--vers
 COMPLETION = """
 ## Completion
 
-A shell completes commands, options, and files by their kind, such as configurations after `identify`, when one of
-these lines is in its start-up file. They work for an installed `dynident`.
+A shell completes commands, options and files, when one of these lines is in its start-up file. They work for an
+installed `dynident`.
 
 | shell | file | line |
 |---|---|---|

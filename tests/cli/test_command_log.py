@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -112,7 +113,7 @@ def test_a_log_that_cannot_grow_is_said_and_the_rest_goes_on(tmp_path: Path, roo
     )
     done = subprocess.run(
         [sys.executable, "-c", limited, "check", "arm.urdf", "--log-file", "run.log"],
-        cwd=tmp_path, capture_output=True, text=True,
+        cwd=tmp_path, capture_output=True, text=True, env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
     )  # fmt: skip
     (said,) = done.stderr.splitlines()
     assert "run.log: " in said

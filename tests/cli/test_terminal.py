@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from rich.progress import Task, TaskID
 
-from dynident.cli import main, screen
+from dynident.cli import main
 from dynident.cli.command_log import escape_controls, one_line
 from dynident.cli.terminal import status
 from dynident.runtime import Step, report_progress
@@ -67,34 +66,21 @@ def shown(screen: Terminal, words: str) -> None:
 
 
 @pytest.mark.parametrize("columns", ["50", "80"])
-def test_a_bar_with_the_time_left_after_a_while(monkeypatch: pytest.MonkeyPatch, columns: str) -> None:
-    screen = Terminal()
+def test_a_step_with_the_time_left_where_it_is_known(monkeypatch: pytest.MonkeyPatch, columns: str) -> None:
+    screen, words = Terminal(), "choosing the smoother of a robot with a long name"
     monkeypatch.setattr("sys.stderr", screen)
-    monkeypatch.setattr("dynident.cli.screen.BAR_DELAY", 0.0)
     for name, value in (("TERM", "xterm"), ("COLUMNS", columns)):
         monkeypatch.setenv(name, value)
     with status():
-        report_progress(Step("choosing the smoother of a robot with a long name", 0, 4))
-        shown(screen, "0 of 4")
-        report_progress(Step("choosing the smoother of a robot with a long name", 1, 4))
-        shown(screen, "left")
+        for done, text in enumerate(("0 of 4", "1 of 4", "left")):
+            report_progress(Step(words, done, 4))
+            shown(screen, text)
         report_progress("estimating")
         shown(screen, "estimating")
     lines = [re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", line) for line in re.split(r"[\r\n]", screen.getvalue())]
-    assert any(re.search("━╌+ 1 of 4  about .* left", line) for line in lines)
+    assert any(re.search("choosing.*  2 of 4  about .* left", line) for line in lines)
     assert any(line.rstrip().endswith("estimating  0 s") for line in lines)
     assert max(map(len, lines)) <= int(columns)
-
-
-def test_the_rate_of_many_steps() -> None:
-    task = Task(TaskID(0), "study", 2e6, 5e5, _get_time=lambda: 5.0)
-    for column, words in (({"first": 1e5, "at": 4.0}, "100000/s"), ({"first": 499_999, "at": 4.0}, "15/min")):
-        task.start_time, task.fields = 0.0, column
-        line = screen._task_text(task, 77).plain
-        assert re.search(f"^study .* 500000 of 2000000  {re.escape(words)}  about .* left$", line)
-        assert "/" not in screen._task_text(task, 47).plain
-    task.total = 5.0
-    assert "/" not in screen._task_text(task, 77).plain
 
 
 def test_steps_are_silent_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,11 +10,9 @@ import click
 
 from dynident.cli.command_log import command_log, one_line, print_error
 from dynident.cli.options import (
-    CONFIG,
     DIRECTORY,
     FILE,
     JSON_FILE,
-    RESULT,
     FiniteRange,
     WorkerOptions,
     add_worker_options,
@@ -44,7 +42,7 @@ def _split_kinds(ctx: click.Context, option: click.Parameter, value: str | None)
 
 
 @click.command(short_help="Rank smoothers and estimators on held-out motion.")
-@click.argument("config", type=CONFIG)
+@click.argument("config", type=FILE)
 @click.option("--smoothers", metavar="KIND,...", callback=_split_kinds, help="Smoothers to try.  [default: all]")
 @click.option(
     "--estimators", metavar="KIND,...", callback=_split_kinds,
@@ -102,8 +100,8 @@ def compare(
 
 
 @click.command("compare-results", short_help="Compare saved results: parameters, errors and files.")
-@click.argument("reference", type=RESULT)
-@click.argument("results", nargs=-1, required=True, metavar="RESULT...", type=RESULT)
+@click.argument("reference", type=FILE)
+@click.argument("results", nargs=-1, required=True, metavar="RESULT...", type=FILE)
 @click.option(
     "--level", type=FiniteRange(0, 1, min_open=True, max_open=True), default=0.01, show_default=True,
     help="Significance level of the tests of parameters.",
@@ -169,7 +167,7 @@ def _show_comparisons(comparisons: list[ResultComparison]) -> None:
 
 
 @click.command(short_help="Identify many logs of many robots, and find changes.")
-@click.argument("config", type=CONFIG)
+@click.argument("config", type=FILE)
 @click.option(
     "--out", type=DIRECTORY, required=True,
     help="Folder for report.html, fleet.parquet, recipe.yaml and the runs; earlier results in it are kept.",

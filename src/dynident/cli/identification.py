@@ -14,17 +14,15 @@ from dynident.cli.command_log import command_log
 from dynident.cli.failures import command
 from dynident.cli.options import (
     ALLOW_CODE,
-    CONFIG,
     DIRECTORY,
     FILE,
     LOG_NAME,
-    RESULT,
-    ROBOT,
     WorkerOptions,
     add_worker_options,
 )
 from dynident.cli.terminal import console, print_files, print_path, say_line, status
-from dynident.runtime import Severity, count, report_progress
+from dynident.runtime import Severity, choices, count, report_progress
+from dynident.runtime.families import EXPORTERS
 
 if TYPE_CHECKING:
     from dynident.apps.init.config_draft import ConfigDraft
@@ -40,7 +38,7 @@ MAX_LEFT_OUT = 4  # quantities that a file cannot hold, named by export
 
 
 @click.command(short_help="Draft a configuration for your robot and logs.")
-@click.argument("robot", type=ROBOT)
+@click.argument("robot", type=LOG_NAME)
 @click.argument("logs", nargs=-1, required=True, type=LOG_NAME)
 @click.option("-o", "--out", type=FILE, default="identify.yaml", show_default=True, help="The configuration to write.")
 @click.option("--force", is_flag=True, help="Overwrite an existing configuration.")
@@ -127,9 +125,9 @@ def _trial_warnings(text: str, out: Path, known_notes: Sequence[str]) -> list[st
 
 
 @click.command(short_help="Identify parameters from recordings.")
-@click.argument("config", type=CONFIG)
+@click.argument("config", type=FILE)
 @click.option("--out", type=DIRECTORY, help="Folder for result.json, report.html, and the model's files.")
-@click.option("--write-config", type=CONFIG, metavar="FILE", help="File (YAML) for the configuration with all choices.")
+@click.option("--write-config", type=FILE, metavar="FILE", help="File (YAML) for the configuration with all choices.")
 @add_worker_options
 def identify(config: Path, out: Path | None, write_config: Path | None, spread: WorkerOptions) -> None:
     """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs.
@@ -268,33 +266,17 @@ def write_result(
     return [(kinds[path.name], path) for path in paths]
 
 
-class _Format(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic in newer versions
-    """A kind of exporter, looked up only when it is needed."""
-
-    name = "format"
-
-    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:  # noqa: ARG002
-        from dynident.runtime.families import EXPORTERS
-
-        return f"[{'|'.join(EXPORTERS.kinds())}]"
-
-    def get_missing_message(self, param: click.Parameter, ctx: click.Context | None = None) -> str:  # noqa: ARG002
-        from dynident.runtime.families import EXPORTERS
-
-        return f"One of {', '.join(EXPORTERS.kinds())}."
-
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        from dynident.runtime import choices
-        from dynident.runtime.families import EXPORTERS
-
-        if value not in EXPORTERS.table and value not in (kinds := EXPORTERS.kinds()):
-            self.fail(f"{value!r} is not a format; {choices(value, kinds)}", param, ctx)
-        return value
+def _check_format(ctx: click.Context, option: click.Parameter, kind: str) -> str:
+    if kind not in EXPORTERS.kinds():
+        raise click.BadParameter(f"{kind!r} is not a format; {choices(kind, EXPORTERS.kinds())}", ctx, option)
+    return kind
 
 
 @click.command(short_help="Write a saved result as a robot file, YAML, or Python module.")
-@click.argument("result", type=RESULT)
-@click.option("--format", "kind", type=_Format(), required=True, help="Format.")
+@click.argument("result", type=FILE)
+@click.option(
+    "--format", "kind", metavar="|".join(EXPORTERS.table), required=True, callback=_check_format, help="Format."
+)
 @click.option("--out", type=FILE, required=True, help="File to write.")
 @ALLOW_CODE
 def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
@@ -312,7 +294,6 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     from dynident.report.identification.robot import export_notes
     from dynident.report.words import tiny
     from dynident.runtime import ModelError
-    from dynident.runtime.families import EXPORTERS
 
     remember_inputs(result)
     refuse_inputs(out)

@@ -11,7 +11,7 @@ import click
 
 from dynident.cli.command_log import print_error
 from dynident.cli.failures import command
-from dynident.cli.options import CHECKED, CONFIG, DIRECTORY, FILE, JSON_FILE, LOG, ROBOTS, parse_noise
+from dynident.cli.options import DIRECTORY, FILE, JSON_FILE, LOG, parse_noise
 from dynident.cli.terminal import console, print_files, print_path, print_paths, say_line, status
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @click.command(short_help="Find errors in recordings and robot files.")
-@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=CHECKED)
+@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=FILE)
 @JSON_FILE
 def check(files: tuple[Path, ...], json_file: Path | None) -> None:
     """Check each FILE, a configuration (YAML) with its logs and robot file, or a robot file (URDF, MJCF) alone, and
@@ -54,9 +54,11 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
 
 def _next_command(path: Path, check_result: CheckResult) -> str:
     """Return what to type next."""
+    from dynident.files.xml_text import SUFFIXES
+
     if check_result.has_errors:
         return f"When the errors are corrected: {command('check', path)}"
-    if path.suffix.lower() in ROBOTS:
+    if path.suffix.lower() in SUFFIXES:
         init_command = command("init", path, "LOG.csv", "-o", path.with_suffix(".yaml").name)
         excite_command = command("excite", path, "-o", f"{path.stem}-motion")
         return f"Next, with a recording: {init_command}; without one: {excite_command}"
@@ -110,7 +112,7 @@ def _check_robot_file(path: Path) -> CheckResult:
 
 
 @click.command(short_help="Show the best accuracy that any method can reach.")
-@click.argument("config", type=CONFIG)
+@click.argument("config", type=FILE)
 @click.option("--sigma-q", multiple=True, help="Position noise (rad, m): a number, or joint=number; repeat it.")
 @click.option("--sigma-tau", multiple=True, help="Torque noise (N m, N): a number, or joint=number; repeat it.")
 @click.option(

@@ -26,11 +26,6 @@ if TYPE_CHECKING:
 
     from dynident.runtime.jobs import Limits
 
-CONFIGS = (".yaml", ".yml")
-ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
-LOGS = (
-    ".csv", ".txt", ".tsv", ".dat", ".log", ".parquet", ".npz", ".npy", ".mat", ".h5", ".hdf5", ".bag", ".db3", ".mcap",
-)  # fmt: skip
 Decorated = TypeVar("Decorated", bound=Callable[..., Any] | click.Command)
 ALLOW_CODE = click.option(
     "--allow-code", is_flag=True, help="Run the Python files that RESULT names. Use this only if you trust them."
@@ -42,23 +37,16 @@ PACKAGES = ("numpy", "scipy", "polars", "click")
 
 
 class _FilePath(click.Path):
-    """A path without ``..``, as what is written into a/../b would create a, too.
+    """A path without ``..``, as what is written into a/../b would create a, too."""
 
-    ``kinds`` are the suffixes to complete.
-    """
-
-    def __init__(self, kinds: tuple[str, ...] = (), **how: Any) -> None:
+    def __init__(self, **how: Any) -> None:
         super().__init__(path_type=Path, **how)
-        self.kinds = kinds
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if not str(value) or "\0" in str(value):
             self.fail(f"{str(value)!r} is no name of a file or folder.", param, ctx)
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
         return path.resolve() if ".." in path.parts else path
-
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        return complete_path(incomplete, self.kinds) or super().shell_complete(ctx, param, incomplete)
 
 
 class FiniteRange(click.FloatRange):
@@ -77,42 +65,13 @@ class _FileNameText(click.ParamType):  # type: ignore[type-arg,unused-ignore]  #
 
     name = "text"
 
-    def __init__(self, kinds: tuple[str, ...]) -> None:
-        self.kinds = kinds
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:  # noqa: ARG002
-        return str(value)
-
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002
-        return complete_path(incomplete, self.kinds) or [CompletionItem(incomplete, type="file")]
+        return [CompletionItem(incomplete, type="file")]
 
 
-def complete_path(incomplete: str, kinds: tuple[str, ...]) -> list[CompletionItem]:
-    """Return the files of these kinds whose name begins with ``incomplete``, and folders.
-
-    Empty where the shell should list all.
-    """
-    folder, start = os.path.split(incomplete)
-    try:
-        entries = sorted(os.scandir(os.path.expanduser(folder) or "."), key=lambda entry: entry.name)
-    except OSError:
-        return []
-    entries = [entry for entry in entries if entry.name.startswith(start) and (start or not entry.name.startswith("."))]
-    files = [entry.name for entry in entries if entry.is_file() and entry.name.lower().endswith(kinds)] if kinds else []
-    folders = [f"{entry.name}/" for entry in entries if entry.is_dir()] if files else []
-    if not files:  # the shell completes folders better: it adds no space
-        return [CompletionItem(incomplete, type="dir")] if kinds and any(entry.is_dir() for entry in entries) else []
-    return [CompletionItem(os.path.join(folder, name)) for name in (*files, *folders)]
-
-
-DIRECTORY = _FilePath(file_okay=False)
-FILE = _FilePath(dir_okay=False)
-LOG = _FilePath(LOGS)  # a ROS 2 bag is a folder
-CONFIG = _FilePath(CONFIGS, dir_okay=False)
-CHECKED = _FilePath((*CONFIGS, *ROBOTS), dir_okay=False)
-DESIGNED = _FilePath((*CONFIGS, *ROBOTS, ".json"), dir_okay=False)
-RESULT = _FilePath((".json",), dir_okay=False)
-ROBOT, LOG_NAME = _FileNameText(ROBOTS), _FileNameText(LOGS)
+DIRECTORY, FILE = _FilePath(file_okay=False), _FilePath(dir_okay=False)
+LOG = _FilePath()  # a ROS 2 bag is a folder
+LOG_NAME = _FileNameText()
 JSON_FILE = click.option("--json", "json_file", type=FILE, help="JSON file for all numbers.")
 
 

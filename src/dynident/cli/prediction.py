@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynident.cli.options import ALLOW_CODE, FILE, LOG_NAME, RESULT
+from dynident.cli.options import ALLOW_CODE, FILE, LOG_NAME
 from dynident.cli.terminal import console, print_path, say_line, status
 from dynident.runtime import report_progress
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @click.command(short_help="Predict the torque of recordings from a saved result.")
-@click.argument("result", type=RESULT)
+@click.argument("result", type=FILE)
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=LOG_NAME)
 @click.option("--out", type=FILE, help="Table of measured and predicted torques (.csv or .parquet).")
 @ALLOW_CODE

@@ -13,12 +13,10 @@ from dynident.cli.command_log import print_error
 from dynident.cli.failures import command
 from dynident.cli.options import (
     ALLOW_CODE,
-    CONFIG,
-    DESIGNED,
     DIRECTORY,
+    FILE,
     LOG_NAME,
     POSITIVE,
-    RESULT,
     WorkerOptions,
     add_worker_options,
     parse_noise,
@@ -36,13 +34,13 @@ PROGRAMS = ("motion", "friction", "gravity", "all")
 
 
 @click.command(short_help="Design a motion that shows the parameters of a robot.")
-@click.argument("robot", type=DESIGNED)
+@click.argument("robot", type=FILE)
 @click.option(
     "-o", "--out", type=DIRECTORY, required=True,
     help="Folder for the motions (CSV, NumPy) and programs that play them, identify.yaml and report.html.",
 )  # fmt: skip
 @click.option(
-    "--settings", type=CONFIG, metavar="FILE",
+    "--settings", type=FILE, metavar="FILE",
     help="File (YAML) of the settings, limits and obstacles.  [default: section `excitation` of a configuration]",
 )  # fmt: skip
 @click.option(
@@ -127,7 +125,7 @@ def excite(
 
 
 @click.command(short_help="Identify the payload of an arm.")
-@click.argument("result", type=RESULT)
+@click.argument("result", type=FILE)
 @click.argument("loaded", nargs=-1, required=True, metavar="LOADED...", type=LOG_NAME)
 @click.option("--unloaded", multiple=True, type=LOG_NAME, help="Recording of the day without payload; repeat it.")
 @click.option("--frame", help="Link that carries the payload; default: the flange.")
@@ -136,7 +134,7 @@ def excite(
     "--known-centre", type=float, nargs=3, metavar="X Y Z",
     help="Known centre of mass in the frame (m), to find the gains of the wrist.",
 )  # fmt: skip
-@click.option("--gains", type=RESULT, help="payload.json of a payload of known mass, for the gains of the drives.")
+@click.option("--gains", type=FILE, help="payload.json of a payload of known mass, for the gains of the drives.")
 @click.option(
     "--gain-error", type=float, default=3.0, show_default=True, metavar="PERCENT",
     help="Standard deviation of the gains of the drives, of all together and of each.",
@@ -239,7 +237,7 @@ def _write_payload(
 
 
 @click.command(short_help="Watch a robot and report changes.")
-@click.argument("result", type=RESULT)
+@click.argument("result", type=FILE)
 @click.argument("stream", metavar="FILE|-", type=LOG_NAME)
 @click.option("--out", type=DIRECTORY, help="Folder for changes.jsonl and the state, to continue a stopped watch.")
 @click.option("--once", is_flag=True, help="Stop at the end of FILE, instead of waiting for more.")
@@ -324,7 +322,7 @@ def _print_events(robot_watch: Watch, as_json: bool, *, follow: bool) -> None:
 
 
 @click.command(short_help="See and tune smoothing and fit in a browser.")
-@click.argument("config", type=CONFIG)
+@click.argument("config", type=FILE)
 @click.option(
     "--port", type=click.IntRange(0, 65535), default=0, metavar="N", help="Port of this machine; by default a free one."
 )

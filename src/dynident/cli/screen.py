@@ -19,9 +19,6 @@ from dynident.runtime import progress_to, shorten_names
 if TYPE_CHECKING:
     from dynident.report.page import PageTable
 
-BAR_DELAY = 2.0  # s after which a bar and the time left are shown
-MIN_STEPS_FOR_RATE = 100  # steps, of which the rate is shown
-BAR_CELLS = 5, 20  # of a bar, from narrow to wide terminals
 ASCII_DRAWING = str.maketrans({"─": "-", "…": "~"})  # what tables draw, where the output's encoding may not have it
 
 
@@ -73,7 +70,7 @@ class Screen(Console):
 
 
 class _StepColumn(ProgressColumn):
-    """The current step in the width that the spinner leaves."""
+    """The current step in one line of the width that the spinner leaves."""
 
     def __init__(self, screen: Screen) -> None:
         super().__init__()
@@ -85,7 +82,7 @@ class _StepColumn(ProgressColumn):
 
 @contextmanager
 def progress_bar(words: str) -> Iterator[None]:
-    """Show the steps of the work within on standard error, with a bar and the time left where they are known.
+    """Show the steps of the work within on standard error, with the time left where it is known.
 
     ``words`` are shown before the first step.
     """
@@ -94,47 +91,29 @@ def progress_bar(words: str) -> Iterator[None]:
     with Progress(
         SpinnerColumn(), _StepColumn(screen), console=screen, transient=True, refresh_per_second=5
     ) as progress:
-        task = progress.add_task(words, total=None, first=0, at=0.0)
+        task = progress.add_task(words, total=None)
 
         def show_step(step: str) -> None:
             current_step, task_state = escape_step(step), progress.tasks[0]
-            task_state.total = current_step.total  # to ``update`` and ``reset``, None is no change
             if line := log.step(current_step):
                 progress.console.print(line, soft_wrap=True, markup=False, highlight=False)
-            # the description changes with each step: begin the bar anew
+            # the time left is that of this step, of which an earlier run may have done a part
             if task_state.description != current_step.words:
-                progress.reset(task, description=current_step.words, first=current_step.completed)
-            progress.update(task, completed=current_step.completed, at=task_state.elapsed or 0.0)
+                progress.reset(task, description=current_step.words, completed=current_step.completed)
+            task_state.total = current_step.total  # to ``update`` and ``reset``, None is no change
+            progress.update(task, completed=current_step.completed)
 
         with progress_to(show_step):
             yield
 
 
 def _task_text(task: Task, width: int) -> Text:
-    """Return the current step in one line: its progress and the time left where they are known, else the time."""
-    elapsed, completed, total = task.elapsed or 0.0, task.completed, task.total
+    """Return the current step in one line: its progress, and the time left where it is known, else the time."""
+    completed, total, seconds_left = task.completed, task.total, task.time_remaining
     count = f"{completed:.0f} of {total:.0f}" if total else f"{completed:.0f}" if completed else ""
-    if elapsed < BAR_DELAY:
-        parts = [count]
-    elif total and (completed_now := completed - task.fields["first"]):
-        min_cells, max_cells = BAR_CELLS
-        cells = min(max(width - 50, min_cells), max_cells)
-        full = round(cells * min(completed / total, 1.0))
-        # the time left follows from the steps since this run began, as earlier ones may have been known
-        update_time = task.fields["at"]  # when so much was done
-        seconds_left = max(update_time * (total - completed) / completed_now - (elapsed - update_time), 0.0)
-        parts = [f"{'━' * full}{'╌' * (cells - full)} {count}", f"about {_format_time(seconds_left)} left"]
-        if total >= MIN_STEPS_FOR_RATE and cells > min_cells and update_time > 0.0:
-            parts.insert(1, _format_rate(completed_now / update_time))
-    else:
-        parts = [count, _format_time(elapsed)]
-    tail = "".join(f"  {part}" for part in parts if part)
-    room = max(width - len(tail), 10)
-    return Text(shorten_names([task.description], room)[0] + tail, no_wrap=True, overflow="crop")
-
-
-def _format_rate(rate: float) -> str:
-    return f"{60.0 * rate:.2g}/min" if rate < 1.0 else f"{rate:.2g}/s" if rate < 100.0 else f"{rate:.0f}/s"
+    time = _format_time(task.elapsed or 0.0) if seconds_left is None else f"about {_format_time(seconds_left)} left"
+    tail = "".join(f"  {part}" for part in (count, time) if part)
+    return Text(shorten_names([task.description], max(width - len(tail), 10))[0] + tail, no_wrap=True, overflow="crop")
 
 
 def _format_time(seconds: float) -> str:

@@ -64,7 +64,7 @@ def announce() -> None:
 
 @contextmanager
 def status() -> Iterator[None]:
-    """Show the steps of the work within on standard error, with a bar and the time left where they are known.
+    """Show the steps of the work within on standard error, with the time left where it is known.
 
     Where that is no terminal nothing is shown, except for each step with ``--verbose``.
     """

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
-
-from dynident.runtime import Note, Remark, Severity, Use, join_names, percent, short, vector
+from dynident.runtime import Note, Remark, Severity, Use, WordedEnum, join_names, percent, short, vector
 
 FROM_CAD = "Take it from CAD, or identify it with `kind: consistent`."
 
@@ -288,12 +286,12 @@ class NoLimit(Note):
         return f"no {self.quantity} limit for {', '.join(self.joints)}: recordings cannot be checked against it."
 
 
-class AffectedColumns(StrEnum):
+class AffectedColumns(WordedEnum):
     """The columns of a log that are affected."""
 
-    POSITION = "position"
-    TORQUE = "torque"
-    BOTH = "position and torque"
+    POSITION = "position", "position columns"
+    TORQUE = "torque", "torque columns"
+    BOTH = "position and torque", "columns of position and torque"
 
 
 class JointsSwapped(Note):
@@ -311,13 +309,8 @@ class JointsSwapped(Note):
 
     def __str__(self) -> str:
         joint, partner = self.joints
-        columns = {
-            AffectedColumns.POSITION: "position columns",
-            AffectedColumns.TORQUE: "torque columns",
-            AffectedColumns.BOTH: "columns of position and torque",
-        }
         return (
-            f"are the {columns[self.channel]} of {joint} and {partner} exchanged? With them the other way round "
+            f"are the {self.channel.words} of {joint} and {partner} exchanged? With them the other way round "
             f"{_error_change(self.before, self.after)}. Check the columns in the configuration."
         )
 

@@ -94,19 +94,9 @@ MIN_WARNING_SHARE = 0.4  # ... and to be warned of
 MIN_OPEN_GAIN = 10.0  # %, of the squared error: a term that gains more, but within its error, was not refused
 LIBRARY_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR)  # terms of the library
 POSITIVE_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD, TermKind.SATURATION)
-TRIED_KINDS = {  # the kinds by which a choice of terms has tried an effect
-    TermKind.VISCOUS: {"viscous"},
-    TermKind.COULOMB: {"coulomb", "dahl"},
-    TermKind.SMOOTH: {"coulomb", "dahl"},
-    TermKind.OFFSET: {"offset"},
-    TermKind.ROTOR: {"rotor"},
-    TermKind.SPRING: {"spring"},
-    TermKind.ASYMMETRIC: {"asymmetric_viscous"},
-    TermKind.QUADRATIC: {"power"},
-    TermKind.STRIBECK: {"stribeck"},
-    TermKind.LOAD: {"load_coulomb"},
-    TermKind.RIPPLE: {"ripple"},
-}
+# the kinds by which a choice of terms has tried an effect
+TRIED_KINDS = {kind: {kind.term} for kind in TermKind if kind.term}
+TRIED_KINDS |= {kind: {"coulomb", "dahl"} for kind in (TermKind.COULOMB, TermKind.SMOOTH)}
 Effect = tuple[TermKind, int, int | None, float, Array]  # kind, joint, other joint, period (rad or m), column (M, n)
 
 

@@ -17,77 +17,66 @@ MAX_SIMULATION_COST = 5.0  # %, of the torque; what real robots have beside the 
 
 
 class TermKind(StrEnum):
-    """An effect that a model may lack, with its ``effect`` in words and its ``remedy``."""
+    """An effect that a model may lack, with its ``effect`` in words, its ``remedy``, and the ``term`` that has it, if
+    one has.
+    """
 
     effect: str
+    term: str
     remedy: str
 
-    def __new__(cls, value: str, effect: str, remedy: str) -> TermKind:
-        """Make a text that has both."""
+    def __new__(cls, value: str, effect: str, term: str = "", advice: str = "") -> TermKind:
+        """Make a text that has all three; ``advice`` ends the remedy that is a term, else it is the remedy."""
         kind = str.__new__(cls, value)
-        kind._value_, kind.effect, kind.remedy = value, effect, remedy
+        kind._value_, kind.effect, kind.term = value, effect, term
+        kind.remedy = f"Add `{term}` to `terms` of the model{advice}." if term else advice
         return kind
 
-    VISCOUS = "viscous", "viscous friction", "Add `viscous` to `terms` of the model."
-    COULOMB = "coulomb", "Coulomb friction", "Add `coulomb` to `terms` of the model."
+    VISCOUS = "viscous", "viscous friction", "viscous"
+    COULOMB = "coulomb", "Coulomb friction", "coulomb"
     SMOOTH = (
-        "smooth sign of Coulomb friction",
-        "Coulomb friction whose sign changes gradually",
+        *("smooth sign of Coulomb friction", "Coulomb friction whose sign changes gradually", ""),
         "Set `coulomb_width` of the model (rad/s), or `min_speed`, which leaves slow samples out.",
     )
-    OFFSET = "offset", "a constant torque", "Add `offset` to `terms` of the model."
-    ROTOR = "rotor", "rotor inertia", "Add `rotor` to `terms` of the model."
-    SPRING = "spring", "a spring, or a cable that pulls back,", "Add `spring` to `terms` of the model."
-    ASYMMETRIC = (
-        "asymmetric viscous friction",
-        "friction that differs between the two directions",
-        "Add `asymmetric_viscous` to `terms` of the model.",
-    )
+    OFFSET = "offset", "a constant torque", "offset"
+    ROTOR = "rotor", "rotor inertia", "rotor"
+    SPRING = "spring", "a spring, or a cable that pulls back,", "spring"
+    ASYMMETRIC = "asymmetric viscous friction", "friction that differs between the two directions", "asymmetric_viscous"
     QUADRATIC = (
         "quadratic friction",
         "friction that is not proportional to the velocity",
-        "Add `power` to `terms` of the model, with its `exponent`.",
+        "power",
+        ", with its `exponent`",
     )
     STRIBECK = (
-        "Stribeck friction",
-        "friction that is different at low speed",
-        "Add `stribeck` to `terms` of the model, with the `velocity` at which it has fallen.",
+        *("Stribeck friction", "friction that is different at low speed", "stribeck"),
+        ", with the `velocity` at which it has fallen",
     )
-    LOAD = (
-        "load-dependent friction",
-        "friction that grows with the load",
-        "Add `load_coulomb` to `terms` of the model.",
-    )
+    LOAD = "load-dependent friction", "friction that grows with the load", "load_coulomb"
     GAIN_DRIFT = (
-        "gain that drifts",
-        "a torque whose gain changes over the recording, by twice this share,",
+        *("gain that drifts", "a torque whose gain changes over the recording, by twice this share,", ""),
         "Let motor and sensor warm up, and check whether the torque constant depends on the temperature.",
     )
     DRIFT = (
-        "friction that drifts",
-        "friction that changes over the recording",
+        *("friction that drifts", "friction that changes over the recording", ""),
         "Let the robot warm up, and record training and validation in the same state.",
     )
     DELAY = (
-        "delay of the torque",
-        "a torque that lags the positions, by these seconds,",
+        *("delay of the torque", "a torque that lags the positions, by these seconds,", ""),
         "Shift this torque in the file: `time_offset` is the same for all joints.",
     )
     SATURATION = (
-        "torque that saturates",
-        "saturation that lowers a torque of the usual size (rms) by this share,",
+        *("torque that saturates", "saturation that lowers a torque of the usual size (rms) by this share,", ""),
         "Check whether the drive saturates, and how torque was computed from current.",
     )
-    COUPLED = "coupled motor", "a motor that turns with both joints", "Add it to `couplings` of the model."
+    COUPLED = "coupled motor", "a motor that turns with both joints", "", "Add it to `couplings` of the model."
     NEIGHBOUR = (
-        "torque of a neighbour",
-        "the torque of a neighbouring joint, times this factor,",
+        *("torque of a neighbour", "the torque of a neighbouring joint, times this factor,", ""),
         "Are these torques of motors that drive both joints, as in a differential? Convert them to joint torques.",
     )
     RIPPLE = (
-        "ripple",
-        "a ripple, of cogging or of the gear, with this amplitude",
-        "Add `ripple` to `terms` of the model, with its `cycles`, 2 pi by the period.",
+        *("ripple", "a ripple, of cogging or of the gear, with this amplitude", "ripple"),
+        ", with its `cycles`, 2 pi by the period",
     )
 
 

@@ -128,35 +128,26 @@ const PAPER = 660; // px of a page of paper, A4 or letter, with its margins
       return [...(this.titled ? [line(heads)] : []), ...this.order.map((row) => line([...row.cells].map(plain)))].join("\n");
     }
 
-    // Its columns are measured once, as they are and as narrow as their longest words; without a place it is asked again.
+    // Its columns are measured once, as narrow as their longest words; without a place it is asked again.
     measured() {
       if (this.widths || !this.place.offsetParent) return this.widths;
-      const widths = (look) => {
-        this.place.classList.add(look);
-        const found = this.cells.map((cell) => cell.getBoundingClientRect().width);
-        this.place.classList.remove(look);
-        return found;
-      };
-      this.widths = widths("natural");
-      const words = widths("least");
-      this.rigid = words.map((width, k) => this.numeric[k] && width <= WORD); // beside some numbers stands a name
-      this.words = words.map((width, k) => Math.max(width, this.prose[k] ? Math.min(SENTENCE, this.widths[k]) : 0));
-      const named = words.flatMap((_, k) => (this.numeric[k] && !this.rigid[k] ? [k] : []));
+      this.place.classList.add("least");
+      const widths = this.cells.map((cell) => cell.getBoundingClientRect().width);
+      this.place.classList.remove("least");
+      this.rigid = widths.map((width, k) => this.numeric[k] && width <= WORD); // beside some numbers stands a name
+      const named = widths.flatMap((_, k) => (this.numeric[k] && !this.rigid[k] ? [k] : []));
       for (const row of this.rows) for (const k of named) row.cells[k].classList.add("named");
-      return this.widths;
+      return (this.widths = widths.map((width, k) => (this.prose[k] ? Math.max(width, SENTENCE) : width)));
     }
 
     fit(room = inner(this.place.parentElement), anew = false) {
       if (!this.measured() || (room === this.room && !anew)) return;
       this.room = room;
       this.place.querySelectorAll(".part").forEach((part) => part.remove());
-      const narrow = sum(this.widths) > room;
-      this.least = this.words.map((width, k) => (this.rigid[k] ? width : Math.min(width, WORD, room / 2)));
-      const split = sum(this.least) > room;
-      this.table.hidden = split;
-      this.place.classList.toggle("narrow", narrow && !split);
-      this.cells.forEach((cell, k) => (cell.style.minWidth = narrow ? `${this.least[k]}px` : ""));
-      if (split) this.split(room);
+      this.least = this.widths.map((width, k) => (this.rigid[k] ? width : Math.min(width, WORD, room / 2)));
+      this.cells.forEach((cell, k) => (cell.style.minWidth = `${this.least[k]}px`));
+      this.table.hidden = sum(this.least) > room;
+      if (this.table.hidden) this.split(room);
     }
 
     split(room) {

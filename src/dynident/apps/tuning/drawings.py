@@ -14,7 +14,6 @@ from dynident.report.figures import (
     AMBER,
     BLUE,
     GREEN,
-    INK,
     PALE,
     RED,
     TIME,
@@ -31,6 +30,7 @@ from dynident.runtime import shorten_names
 
 Zoom = tuple[float, float] | None  # s of the log, None for all of it
 Curve = tuple[int, str, Array, str, float]  # row, name, values, colour, width
+INK = "#111111"  # of residuals, as of text
 # of a curve: where it is seen, while a slider moves, on either side
 MAX_POINTS, MAX_COARSE_POINTS, MAX_HIDDEN_POINTS = 1400, 600, 120
 SLIDER_RANGE = -3.0, 4.0  # log S/n, from one end of the slider to the other
@@ -203,12 +203,7 @@ def _thin_hidden(t: Array, y: Array, zoom: Zoom, points: int) -> tuple[Array, Ar
 
 def _plain_line(x: Array, y: Array, name: str, colour: str, width: float = 1.0) -> Trace:
     line = {"color": colour, "width": width}
-    return trace("scatter", x=x, y=y, name=name, mode="lines", line=line, **_inked(colour))
-
-
-def _inked(colour: str) -> dict[str, str]:
-    """Return the mark of a curve that takes the colour of the page's text."""
-    return {"meta": "ink"} if colour == INK else {}
+    return trace("scatter", x=x, y=y, name=name, mode="lines", line=line)
 
 
 def _draw_over_time(
@@ -220,7 +215,7 @@ def _draw_over_time(
     for row, name, values, colour, width in curves:
         x, y = _thin_hidden(t, values, zoom, points)
         line = curve(x - start_time, y, name, {"color": colour, "width": width}, len(x) + 8)
-        figure.add(line | _inked(colour) | {"showlegend": row == 1}, row=row)
+        figure.add(line | {"showlegend": row == 1}, row=row)
     last_axis = f"x{rows}"
     box = {"type": "rect", "xref": last_axis, "yref": "paper", "y0": 0, "y1": 1, "line": {"width": 0}, "layer": "below"}
     figure.layout["shapes"] = [

@@ -7,7 +7,7 @@
   const none = () => window.dash_clientside.no_update;
   const put = (id, props) => window.dash_clientside.set_props(id, props);
   const now = (id) => window.dash_component_api?.getLayout(id)?.props ?? {};
-  const ink = () => getComputedStyle(document.documentElement).getPropertyValue("--ink").trim();
+  const INK = "#111111"; // on white; the styles of the page turn it on dark paper
   const box = (id) => document.querySelector(`#${id} .js-plotly-plot`);
   const config = { responsive: true, displaylogo: false, doubleClick: "reset", modeBarButtons: [["zoom2d", "pan2d", "resetScale2d", "toImage"]] };
   const timed = ["motion", "torque"];
@@ -88,11 +88,7 @@
   // ---- painting -----------------------------------------------------------------------------------------------
   function painted(figure, id) {
     const { data, layout } = figure;
-    layout.font = { ...layout.font, color: ink() };
-    for (const trace of data.filter((trace) => trace.meta === "ink")) {
-      trace.line = { ...trace.line, color: ink() };
-      if (trace.marker) trace.marker.color = ink();
-    }
+    layout.font = { ...layout.font, color: INK };
     if (timed.includes(id)) {
       layout.dragmode = leaving && id === "motion" ? "select" : "zoom";
       if (zoom) for (const axis of Object.keys(layout).filter((key) => key.startsWith("xaxis"))) layout[axis].range = [...zoom];
@@ -131,16 +127,6 @@
     ask(asked(setting, null));
     put("zoomed", { data: { zoom: zoom && zoom.map((t) => t + zero) } });
   }
-
-  function repaint() {
-    for (const gd of document.querySelectorAll(".js-plotly-plot")) {
-      if (!gd.data) continue;
-      window.Plotly.relayout(gd, { "font.color": ink() });
-      const inked = gd.data.flatMap((trace, i) => (trace.meta === "ink" ? [i] : []));
-      if (inked.length) window.Plotly.restyle(gd, { "line.color": ink(), "marker.color": ink() }, inked);
-    }
-  }
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
 
   // ---- the server ---------------------------------------------------------------------------------------------
   let missed = 0;

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from dynident.apps.demo.servo_arm import COUNT, FILE_VALUES, KP, LIMIT, SERVO_JOINTS, TRUE_DELAY
-from dynident.apps.servo.fit import fit_values
+from dynident.apps.servo.fit import fit_values, suspect_entries
 from dynident.apps.servo.judge import ServoUse, position_noise, roll_out, verdict_of
 from dynident.apps.servo.run import _fit_warnings, _spaced, choose_fit
 from dynident.apps.servo.start import smooth_servo_log, start_values
-from dynident.apps.servo.suspects import suspect_entries
 from dynident.apps.servo.values import Entry, Quantity
 from dynident.project.drive_settings import ServoSettings
 from dynident.runtime import InputError, ModelError

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from dynident.apps.tuning import Bench, Tuning
-from dynident.apps.tuning.edit import apply_control, setting_changes
-from dynident.apps.tuning.view import View
+from dynident.apps.tuning.edit import View, apply_control, setting_changes
 from dynident.regression import ParallelFilter
 from dynident.runtime import ConfigError
 
@@ -206,7 +205,6 @@ def test_only_what_differs_from_the_start_is_said(validated_arm: Bench) -> None:
         ('filter={"decimate":2.5}', r"filter.decimate: should be a valid integer"),
         ('filter={"decimate":1}', "parallel filter"),
         ("time_offset=1e9", "time offset"),
-        ("x" * 30_000, "30001 characters"),
     ],
 )
 def test_an_address_without_a_meaning_is_refused(validated_arm: Bench, text: str, words: str) -> None:

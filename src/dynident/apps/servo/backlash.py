@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from dynident.apps.servo.fit import SETTLING, ServoFit, joint_scale
+from dynident.apps.servo.fit import SETTLING, ServoFit, choose_columns, joint_scale
 from dynident.apps.servo.plant import ServoLog, ServoPlant, ignore_divergence, import_mujoco, sample_path
 from dynident.apps.servo.start import SmoothLog
-from dynident.apps.servo.suspects import choose_columns
 from dynident.apps.servo.values import ServoValues
 from dynident.runtime import Noun, report_progress
 from dynident.runtime.arrays import Array

@@ -10,12 +10,11 @@ import numpy as np
 
 from dynident.apps.servo.backlash import Backlash, find_backlash
 from dynident.apps.servo.commands import command_findings
-from dynident.apps.servo.fit import ServoFit, fit_values, split_into_windows
+from dynident.apps.servo.fit import ServoFit, fit_values, split_into_windows, suspect_entries
 from dynident.apps.servo.judge import ServoRollout, ServoUse, position_noise, roll_out, verdict_of
 from dynident.apps.servo.plant import ServoLog, ServoPlant, import_mujoco
 from dynident.apps.servo.robot import MAX_ROLLOUT_DIFFERENCE, load_plant, mjcf_text, rollout_difference, write_mjcf
 from dynident.apps.servo.start import MAX_DELAY, SmoothLog, smooth_servo_log, start_values
-from dynident.apps.servo.suspects import suspect_entries
 from dynident.apps.servo.values import FRICTION, Entry, Quantity, ServoValues
 from dynident.checks import check_log
 from dynident.files.tables import DataTable

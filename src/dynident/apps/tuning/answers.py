@@ -21,12 +21,11 @@ from dynident.apps.tuning.drawings import (
     residual_drawing,
     torque_drawing,
 )
-from dynident.apps.tuning.edit import apply_control, degree_words, setting_changes
+from dynident.apps.tuning.edit import View, apply_control, degree_words, setting_changes
 from dynident.apps.tuning.quick_fit import QuickFit
 from dynident.apps.tuning.readout import parameter_table
 from dynident.apps.tuning.session import Session, Stale, tuned_paths
 from dynident.apps.tuning.tuning import Tuning
-from dynident.apps.tuning.view import View
 from dynident.report import Array, Drawing
 from dynident.report.figures import time_origin
 from dynident.report.page import typeset

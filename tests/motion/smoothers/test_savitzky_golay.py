@@ -7,8 +7,7 @@ import pytest
 
 from dynident.motion.log import Log
 from dynident.motion.smoothers import SavitzkyGolay, Spline
-from dynident.motion.smoothers.savitzky_golay import WINDOW_FACTORS, SavitzkyGolaySettings
-from dynident.runtime import ConfigError, InputError
+from dynident.runtime import InputError
 
 
 def log(n: int = 4000, h: float = 0.0025, noise: float = 1e-4, seed: int = 0, colour: int = 1) -> Log:
@@ -107,11 +106,3 @@ def test_a_window_that_does_not_fit_the_log(part: SavitzkyGolay, words: str) -> 
 
 def test_a_huge_factor_takes_the_longest_window() -> None:
     assert SavitzkyGolay(factor=1e308)(log()).smoothing["window"][0] == pytest.approx(10 / 3, rel=0.01)
-
-
-def test_the_rule_torque_is_several_to_choose_from() -> None:
-    several = SavitzkyGolaySettings(rule="torque", order=3).build()
-    assert [one.factor for one in several] == list(WINDOW_FACTORS)
-    assert {one.order for one in several} == {3}
-    with pytest.raises(ConfigError, match="`window` is only used by `rule: acceleration`"):
-        SavitzkyGolaySettings(window=0.1, rule="torque")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -160,7 +160,6 @@ def window_spans(t: Array, half: int) -> Array:
     return np.asarray(t[starts + 2 * half] - t[starts])
 
 
-WINDOW_FACTORS = (0.5, 0.6, 0.7, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0, 2.4, 2.8)  # times the window, of which "torque" chooses
 WINDOW_STEP = 1.1  # from one window that is tried to the next
 MAX_LOWER_RATIO = 0.7  # times the squares, which a window twice as wide divides by 32 where they are noise
 MAX_DIFFERENCE_RATIO = 10.0  # times the least difference: windows that are wider still need not be tried
@@ -169,33 +168,7 @@ MAX_WINDOW_SHARE = 1 / 3  # of a log
 MAX_TRIAL_SAMPLES, SAMPLES_PER_WINDOW = 1000, 10
 MAX_WINDOW_STRETCH = 1.5  # times the usual time of a window, from which on there is a gap in it
 Order = Annotated[int, Ge(2), Le(10)]
-Window = Annotated[float, Gt(0)]
 Factor = Annotated[float, Gt(0)]
-
-
-@dataclass(frozen=True)
-class SavitzkyGolaySettings:
-    """The settings of a ``SavitzkyGolay``; with the rule "torque" several to choose from, of increasing windows."""
-
-    window: Annotated[Window | Mapping[str, Window] | None, BY_JOINT] = None
-    order: Order = 4
-    factor: Factor = 1.0
-    rule: Literal["acceleration", "torque"] = "acceleration"
-
-    def __post_init__(self) -> None:
-        if self.rule == "torque" and self.window is not None:
-            raise ConfigError("`window` is only used by `rule: acceleration`, not by `rule: torque`, which chooses it")
-
-    @classmethod
-    def of(cls, part: SavitzkyGolay) -> SavitzkyGolaySettings:
-        """Return the settings that build ``part``."""
-        return cls(**{setting.name: getattr(part, setting.name) for setting in fields(part)})
-
-    def build(self) -> SavitzkyGolay | tuple[SavitzkyGolay, ...]:
-        """Return the smoother, or those that ``rule`` "torque" chooses from."""
-        if self.rule == "torque":
-            return tuple(SavitzkyGolay(None, self.order, self.factor * factor) for factor in WINDOW_FACTORS)
-        return SavitzkyGolay(self.window, self.order, self.factor)
 
 
 @dataclass(frozen=True)
@@ -223,10 +196,9 @@ class SavitzkyGolay(Smoother):
     error of the velocity 0.0024 rad/s
     """
 
-    window: float | Mapping[str, float] | None = None
+    window: Annotated[float | Mapping[str, float] | None, BY_JOINT] = None  # inf, too
     order: Order = 4
     factor: Factor = 1.0
-    Settings: ClassVar[type[SavitzkyGolaySettings]] = SavitzkyGolaySettings
 
     def __post_init__(self) -> None:
         super().__post_init__()

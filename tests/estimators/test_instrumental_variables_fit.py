@@ -12,13 +12,8 @@ import numpy as np
 import pytest
 
 from dynident.estimators import Estimate, InstrumentalVariables, LeastSquares
-from dynident.estimators.instruments import (
-    InstrumentKind,
-    InstrumentsUsed,
-    MotionMovesOn,
-    NotSimulated,
-    WeakInstruments,
-)
+from dynident.estimators.instruments import InstrumentKind, InstrumentsUsed, NotSimulated, WeakInstruments
+from dynident.estimators.notes import StillMoving
 from dynident.identification import Recipe, identify
 from dynident.models.lagrangian import slider
 from dynident.motion.smoothers import Difference, Spline
@@ -138,7 +133,7 @@ def test_a_first_model_that_fails_is_made_consistent() -> None:
 
 def test_an_iteration_that_is_cut_short_is_said() -> None:
     found = InstrumentalVariables("simulated", iterations=1)(posed(recorded(SHORT, CONTROLLER, 2, 2e-5)))
-    assert [type(note) for note in found.notes] == [InstrumentsUsed, MotionMovesOn]
+    assert [type(note) for note in found.notes] == [InstrumentsUsed, StillMoving]
     assert not found.converged
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from dynident.estimators import Didim, InstrumentalVariables, OutputError
 from dynident.estimators.maximum_likelihood import MaximumLikelihood
-from dynident.estimators.notes import FirstModel, StartedElsewhere, StillSimulating
+from dynident.estimators.notes import FirstModel, StartedElsewhere, StillMoving
 from dynident.models import Model
 from dynident.models.lagrangian import slider, two_link_arm
 from dynident.models.simulation import Function, simulate_recording
@@ -210,6 +210,6 @@ def test_says_that_it_has_not_converged() -> None:
     log, motion = recorded(MOTION, CONTROLLER, 0)
     log = replace(log, q=-log.q)  # of which no better start can be made
     found = Didim(iterations=1)(posed((log, replace(motion, ddq=0.2 * motion.ddq, dq=0.2 * motion.dq))))
-    (note,) = [one for one in found.notes if isinstance(one, StillSimulating)]
+    (note,) = [one for one in found.notes if isinstance(one, StillMoving)]
     assert note.iterations == 1
     assert not found.converged

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+import numpy as np
+
 from dynident.models import Structure
 from dynident.regression import EntryBlock, RegressorBlock, TriangularFactors, factorise
 
 
 def triangularise(blocks: Iterable[RegressorBlock], joints: int, parameters: int) -> TriangularFactors:
-    structure = Structure.dense(joints, parameters)
+    structure = Structure((np.arange(parameters),) * joints, (np.eye(parameters),) * joints)
     return factorise(
         (
             EntryBlock(

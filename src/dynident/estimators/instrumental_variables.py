@@ -16,7 +16,6 @@ from dynident.estimators.instruments import (
     InstrumentKind,
     Instruments,
     InstrumentsUsed,
-    MotionMovesOn,
     NotSimulated,
     WeakInstruments,
     lagged_instruments,
@@ -31,7 +30,7 @@ from dynident.estimators.least_squares import (
     fit_from_information,
     rows_by_joint,
 )
-from dynident.estimators.notes import StartedElsewhere
+from dynident.estimators.notes import StartedElsewhere, StillMoving
 from dynident.estimators.simulated_recordings import (
     controller_of,
     find_first_model,
@@ -86,12 +85,12 @@ class InstrumentalRun:
             if not loops or step_size < CONVERGED_STEP or relative_change < MIN_TORQUE_CHANGE:
                 break
             if iteration == self.settings.iterations:
-                self.notes.append(MotionMovesOn(iteration, step_size))
+                self.notes.append(StillMoving(iteration, step_size))
                 break
             report_progress(Step("simulating instruments", iteration, self.settings.iterations))
             simulations = self.simulate_instruments(value, loops)
             if isinstance(simulations, Failure):
-                self.notes.append(MotionMovesOn(iteration, step_size, str(simulations)))
+                self.notes.append(StillMoving(iteration, step_size, str(simulations)))
                 break
             instruments = [simulations.get(k, instrument) for k, instrument in enumerate(instruments)]
         return self.finish_fit(instruments, (rows, instrument_rows), moments)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.estimators.estimator import Problem
-from dynident.estimators.notes import Unsettled
 from dynident.estimators.simulated_recordings import controller_of, failure_of
 from dynident.models import Model
 from dynident.models.simulation import Failure, simulate_recording, ticks
@@ -82,22 +81,6 @@ class NotSimulated(Note):
         )
 
 
-class MotionMovesOn(Unsettled):
-    """The simulated motion, and with it the value, still moves after so many ``iterations``: by ``moved`` standard
-    errors in the last one. Where a simulation failed, the ``reason`` says why."""
-
-    iterations: int
-    moved: float
-    reason: str = ""
-
-    def __str__(self) -> str:
-        why = f": {self.reason}" if self.reason else ""
-        return (
-            f"instruments have not settled after {self.iterations} simulations (the last one moved the value by "
-            f"{short(self.moved, 2)} standard errors){why}"
-        )
-
-
 class Instruments(Noun):
     """A ``motion`` at the samples of another one, usable where its mask is True; its ``kind`` and ``lag`` (s).
 
@@ -156,7 +139,6 @@ def simulated_instruments(problem: Problem, k: int, theta: Array) -> Instruments
     return Instruments(model.remembering(simulated_motion.shift(motion.time_offset)), InstrumentKind.SIMULATED)
 
 
-RowIndices = NDArray[np.intp]
 MAX_COPY_DISTANCE = 1e-9  # of a joint's range: positions that are as near are the same samples
 MAX_COPIED_SHARE = 0.1  # share of such samples from which a recording is no other pass
 

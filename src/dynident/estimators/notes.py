@@ -214,28 +214,19 @@ class NotConverged(Unsettled):
 
 
 class StillMoving(Unsettled):
-    """The iteration stopped after ``iterations`` steps, the last one ``change`` standard errors of all together."""
+    """After so many ``iterations`` the parameters still move, by ``moved`` standard errors of all together.
 
-    iterations: int
-    change: float
-
-    def __str__(self) -> str:
-        return (
-            f"not settled after {self.iterations} steps: the last one moved the parameters by {short(self.change, 2)} "
-            "standard errors"
-        )
-
-
-class StillSimulating(Unsettled):
-    """After so many ``iterations`` of simulation the parameters still move, by ``moved`` standard errors at last."""
+    Where a simulation has failed, the ``reason`` says why.
+    """
 
     iterations: int
     moved: float
+    reason: str = ""
 
     def __str__(self) -> str:
         return (
-            f"not converged: after {self.iterations} simulations the parameters still move, by {short(self.moved, 2)} "
-            "standard errors"
+            f"not settled after {count(self.iterations, 'step')}: the last one moved the parameters by "
+            f"{short(self.moved, 2)} standard errors" + f"; {self.reason}" * bool(self.reason)
         )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from dynident.estimators.estimator import Problem
 from dynident.estimators.instrument_moments import regularised_cholesky
 from dynident.estimators.instrumental_variables import InstrumentalVariables
-from dynident.estimators.notes import FirstModel, StartedElsewhere, StillSimulating
+from dynident.estimators.notes import FirstModel, StartedElsewhere, StillMoving
 from dynident.estimators.simulated_recordings import (
     Shots,
     Simulation,
@@ -274,7 +274,7 @@ class Descent:
             # a step that helped lets the next one be less damped
             state, damping = next_state, max(next_damping / 10.0, MIN_DAMPING)
         if remaining > MAX_REMAINING_STEP:
-            self.notes.append(StillSimulating(steps, remaining))
+            self.notes.append(StillMoving(steps, remaining))
         return DescentResult(state.theta, information, samples, tuple(self.notes))
 
     def assess_state(self, state: _State, linear: Sequence[LinearisedStretch], sigma: Array) -> tuple[Array, float]:

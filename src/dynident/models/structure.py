@@ -36,11 +36,6 @@ class Structure(Noun):
     columns: tuple[Indices, ...]
     maps: tuple[Array, ...]
 
-    @classmethod
-    def dense(cls, joints: int, parameters: int) -> Structure:
-        """Return the structure of a regressor about which nothing is known: every column counts at every joint."""
-        return cls((np.arange(parameters),) * joints, (np.eye(parameters),) * joints)
-
     def append_columns(self, count: int) -> Structure:
         """Return the structure with ``count`` further columns after the others, about which nothing is known."""
         p = self.maps[0].shape[1]

@@ -108,16 +108,13 @@ def median_sigma(x: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(SIGMA_PER_MEDIAN * np.median(np.abs(np.asarray(x, dtype=float)), axis=0))
 
 
-def steady_noise(x: NDArray[np.float64], min_share: float, order: int = 4) -> NDArray[np.float64]:
-    """Return the noise's standard deviation (k) of evenly sampled x (N, k), from the median of its differences.
+def steady_noise(x: NDArray[np.float64], min_share: float) -> NDArray[np.float64]:
+    """Return the noise's standard deviation (k) of evenly sampled x (N, k), from the median of its fourth differences.
 
     The median ignores the few samples after a step. White noise is assumed. The result is at least ``min_share``
     times the channel's largest value, or where that is zero, the largest value of all channels.
     """
-    coefficients = np.array([1.0])
-    for _ in range(order):
-        coefficients = np.convolve(coefficients, [1.0, -1.0])
-    sigma = median_sigma(np.diff(x, order, axis=0)) / np.linalg.norm(coefficients)
+    sigma = median_sigma(np.diff(x, 4, axis=0)) / np.linalg.norm([1.0, -4.0, 6.0, -4.0, 1.0])
     # rounding bounds the estimate from below, also for a channel that is constant
     size = np.abs(x).max(axis=0)
     return np.asarray(np.maximum(sigma, min_share * np.where(size > 0, size, size.max() or 1.0)))

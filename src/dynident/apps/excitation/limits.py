@@ -10,7 +10,6 @@ slides. Where there is no torque limit, no torque is too large.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -28,7 +27,7 @@ from dynident.runtime.arrays import Array
 ACCELERATION_TIME = 0.25  # s from rest to the velocity limit
 JERK_TIME = 0.05  # s from no acceleration to its limit
 MAX_FILE_RANGE = 4.001 * np.pi  # rad: a file with a wider range has none
-FILE_FIELDS = {"lower": "lower", "upper": "upper", "velocity": "velocity", "torque": "effort"}
+LimitValues = dict[str, float | None]  # of a joint by the fields of ``JointLimits``
 RULES: Mapping[str, Callable[[Mapping[str, Any]], float]] = {  # each by the limits before
     "acceleration": lambda limits: limits["velocity"] / ACCELERATION_TIME,
     "jerk": lambda limits: limits["acceleration"] / JERK_TIME,
@@ -105,29 +104,28 @@ def motion_limits(
     Raises ConfigError for an unknown joint and limits that contradict each other, and ModelError for limits of
     the file that do, and where a limit is missing that no rule gives.
     """
-    user_limits = dict(user_limits or {})
+    given = {name: limits.model_dump() for name, limits in (user_limits or {}).items()}
     names = [joint.name for joint in model.joints]
-    for name in user_limits:
+    for name in given:
         if name not in names:
             raise ConfigError(f"limits: no joint {name!r} moves in {model.name}; {choices(name, names)}")
-    file_limits = _file_limits(model)
+    of_file = _file_limits(model)
+    # given by the user, else by the file, else by a rule
+    limits = {name: dict(of_file[name]) for name in names}
+    for name, values in given.items():
+        limits[name] |= {kind: value for kind, value in values.items() if value is not None}
     # checked for all joints before any rule is applied, so that one message names everything that is missing
-    _check_complete(model, user_limits, file_limits)
-    joint_limits = [
-        _joint_limits(joint, user_limits.get(joint.name, JointLimits()), file_limits[joint.name], model)
-        for joint in model.joints
-    ]
-    values = {
-        name: np.array([joint[name] for joint, _ in joint_limits], dtype=float) for name in JointLimits.model_fields
-    }
+    _check_complete(model, limits)
+    for joint in model.joints:
+        _check_range(joint, limits[joint.name], given.get(joint.name, {}), model)
+    by_rule = {name: rules for name in names if (rules := _apply_rules(limits[name]))}
+    values = {kind: np.array([limits[name][kind] for name in names], dtype=float) for kind in JointLimits.model_fields}
     # half of the margin at either end
     reserve = margin / 2 * (values["upper"] - values["lower"])
     values["lower"], values["upper"] = values["lower"] + reserve, values["upper"] - reserve
-    for name in ("velocity", "acceleration", "jerk", "torque"):
-        values[name] = (1 - margin) * values[name]
-    by_rule = {name: rules for name, (_, rules) in zip(names, joint_limits, strict=True) if rules}
-    beyond = {name: _exceeded_limits(limits, file_limits[name]) for name, limits in user_limits.items()}
-    beyond = {name: exceeded for name, exceeded in beyond.items() if exceeded}
+    for kind in ("velocity", "acceleration", "jerk", "torque"):
+        values[kind] = (1 - margin) * values[kind]
+    beyond = {name: kinds for name in given if (kinds := _exceeded_limits(given[name], of_file[name]))}
     return MotionLimits(tuple(names), **values, by_rule=by_rule, beyond=beyond)
 
 
@@ -139,85 +137,69 @@ def usual_arm(model: Model, limits: MotionLimits) -> KnownArm | None:
     return arm if ruled & known else None
 
 
-def _file_limits(model: Model) -> dict[str, RobotJointLimits]:
+def _file_limits(model: Model) -> dict[str, LimitValues]:
     """Return the limits of the file by joint, narrowed to those of the joints that mimic it."""
-    limits = {
-        joint.name: _drop_endless_range(joint, model.limits.get(joint.name, RobotJointLimits()))
-        for joint in model.joints
-    }
+    limits = {joint.name: _limit_values(model.limits.get(joint.name, RobotJointLimits())) for joint in model.joints}
+    for joint in model.joints:
+        lower, upper = limits[joint.name]["lower"], limits[joint.name]["upper"]
+        # a range that stands for an endless one
+        if joint.kind != "prismatic" and lower is not None and upper is not None and upper - lower > MAX_FILE_RANGE:
+            limits[joint.name] |= {"lower": None, "upper": None}
     for term in model.terms:
         arm = term.arm if isinstance(term, RigidBodies) else None
         for body, drive, offset in zip(arm.bodies, arm.drive, arm.offset, strict=True) if arm else ():
             # the model's joint that drives the body, if it is not the body's own
             column = int(np.argmax(np.abs(drive)))
             if column < len(model.joints) and drive[column] and body.joint.name not in limits:
-                name = model.joints[column].name
-                limits[name] = _intersect_limits(limits[name], body.joint.limits, float(drive[column]), float(offset))
+                follower = _limit_values(body.joint.limits)
+                _narrow_limits(limits[model.joints[column].name], follower, float(drive[column]), float(offset))
     return limits
 
 
-def _drop_endless_range(joint: Joint, limits: RobotJointLimits) -> RobotJointLimits:
-    """Return the limits without a range that stands for an endless one."""
-    if joint.kind == "prismatic" or None in (limits.lower, limits.upper):
-        return limits
-    is_endless = (limits.upper or 0.0) - (limits.lower or 0.0) > MAX_FILE_RANGE
-    return replace(limits, lower=None, upper=None) if is_endless else limits
+def _limit_values(limits: RobotJointLimits) -> LimitValues:
+    """Return the limits of a file by the names that a user has for them; acceleration and jerk are never there."""
+    file_values = {"lower": limits.lower, "upper": limits.upper, "velocity": limits.velocity, "torque": limits.effort}
+    return dict.fromkeys(JointLimits.model_fields) | file_values
 
 
-def _intersect_limits(
-    limits: RobotJointLimits, follower_limits: RobotJointLimits, factor: float, offset: float
-) -> RobotJointLimits:
-    """Return the limits of a joint that another follows as ``factor`` q + ``offset``."""
+def _narrow_limits(limits: LimitValues, follower: LimitValues, factor: float, offset: float) -> None:
+    """Narrow the limits of a joint to those of another, which follows it as ``factor`` q + ``offset``."""
     # q = (q' - offset) / factor; a negative factor swaps the ends
-    ends = [None if end is None else (end - offset) / factor for end in (follower_limits.lower, follower_limits.upper)]
+    ends = [None if (end := follower[kind]) is None else (end - offset) / factor for kind in ("lower", "upper")]
     lower, upper = ends if factor > 0 else ends[::-1]
-    velocity = None if follower_limits.velocity is None else follower_limits.velocity / abs(factor)
-    lower_ends = [end for end in (limits.lower, lower) if end is not None]
-    upper_ends = [end for end in (limits.upper, upper) if end is not None]
-    velocities = [bound for bound in (limits.velocity, velocity) if bound is not None]
-    return RobotJointLimits(
-        limits.effort, min(velocities, default=None), max(lower_ends, default=None), min(upper_ends, default=None)
-    )
+    velocity = None if follower["velocity"] is None else follower["velocity"] / abs(factor)
+    for kind, bound, tighter in (("lower", lower, max), ("upper", upper, min), ("velocity", velocity, min)):
+        limits[kind] = tighter((x for x in (limits[kind], bound) if x is not None), default=None)
 
 
-def _joint_limits(
-    joint: Joint, user_limits: JointLimits, file_limits: RobotJointLimits, model: Model
-) -> tuple[Mapping[str, float | None], tuple[str, ...]]:
-    """Return all limits of a joint, and the names of those that come from a rule."""
-    values: dict[str, float | None] = user_limits.model_dump()
-    given_names = {name for name, value in values.items() if value is not None}
-    # given by the user, else by the file, else by a rule
-    for name, file_field in FILE_FIELDS.items():
-        values[name] = getattr(file_limits, file_field) if values[name] is None else values[name]
-    _check_range(joint, values, given_names, model)
+def _apply_rules(limits: LimitValues) -> tuple[str, ...]:
+    """Fill in the limits of a joint that are missing by rules, and return their names."""
     rules = []
-    if values["lower"] is None or values["upper"] is None:
-        values["lower"], values["upper"] = _default_range(values["lower"], values["upper"])
+    if limits["lower"] is None or limits["upper"] is None:
+        limits["lower"], limits["upper"] = _default_range(limits["lower"], limits["upper"])
         rules.append("position")
-    for name, rule in RULES.items():
-        if values[name] is None:
-            values[name] = rule(values)
-            rules.append(name)
-    return values, tuple(rules)
+    for kind, rule in RULES.items():
+        if limits[kind] is None:
+            limits[kind] = rule(limits)
+            rules.append(kind)
+    return tuple(rules)
 
 
-def _check_range(joint: Joint, values: Mapping[str, float | None], given_names: set[str], model: Model) -> None:
+def _check_range(joint: Joint, limits: LimitValues, given: LimitValues, model: Model) -> None:
     """Raise ConfigError or ModelError where the limits of a joint contradict each other."""
-    lower, upper = values["lower"], values["upper"]
+    lower, upper = limits["lower"], limits["upper"]
     if lower is not None and upper is not None and lower >= upper:
-        ends = [
-            f"{name} {values[name]:g} ({'given' if name in given_names else 'file'})" for name in ("lower", "upper")
-        ]
-        is_given = bool(given_names & {"lower", "upper"})
-        place = "" if is_given else f" in {model.name}, or give both"
+        is_given = {kind: given.get(kind) is not None for kind in ("lower", "upper")}
+        ends = [f"{kind} {limits[kind]:g} ({'given' if is_given[kind] else 'file'})" for kind in is_given]
+        place = "" if any(is_given.values()) else f" in {model.name}, or give both"
         words = f"{' and '.join(ends)} leave no position in {joint.unit}; correct them{place}."
-        raise (ConfigError if is_given else ModelError)(f"limits of joint {joint.name!r}: {words}")
-    for name in ("velocity", "torque"):
-        value = values[name]
+        raise (ConfigError if any(is_given.values()) else ModelError)(f"limits of joint {joint.name!r}: {words}")
+    for kind in ("velocity", "torque"):
+        value = limits[kind]
         if value is not None and value <= 0:  # of the file
             raise ModelError(
-                f"limits of joint {joint.name!r}: {name} is {value:g} in {model.name}, which no motion keeps; "
-                f"give the true one in the settings, such as `limits: {{{joint.name!r}: {{{name}: 1.0}}}}`, or lock "
+                f"limits of joint {joint.name!r}: {kind} is {value:g} in {model.name}, which no motion keeps; "
+                f"give the true one in the settings, such as `limits: {{{joint.name!r}: {{{kind}: 1.0}}}}`, or lock "
                 "the joint."
             )
 
@@ -229,18 +211,15 @@ def _default_range(lower: float | None, upper: float | None) -> tuple[float, flo
     return (lower, lower + 2 * np.pi) if lower is not None else ((upper or 0.0) - 2 * np.pi, upper or 0.0)
 
 
-def _check_complete(
-    model: Model, user_limits: Mapping[str, JointLimits], file_limits: Mapping[str, RobotJointLimits]
-) -> None:
+def _check_complete(model: Model, limits: Mapping[str, LimitValues]) -> None:
     """Raise ModelError with the joints that have no velocity limit, or no range where they slide."""
     missing: dict[str, list[str]] = {}
     for joint in model.joints:
-        own, of_file = user_limits.get(joint.name, JointLimits()), file_limits[joint.name]
-        if own.velocity is None and of_file.velocity is None:
-            missing.setdefault(f"velocity (in {joint.unit}/s)", []).append(joint.name)
-        for end in ("lower", "upper") if joint.kind == "prismatic" else ():
-            if getattr(own, end) is None and getattr(of_file, end) is None:
-                missing.setdefault(f"{end} (in m)", []).append(joint.name)
+        needed = {"velocity": f"{joint.unit}/s"}
+        needed |= {"lower": "m", "upper": "m"} if joint.kind == "prismatic" else {}
+        for kind, unit in needed.items():
+            if limits[joint.name][kind] is None:
+                missing.setdefault(f"{kind} (in {unit})", []).append(joint.name)
     if missing:
         missing_words = "; ".join(f"{quantity} of {join_names(names)}" for quantity, names in missing.items())
         quantity, names = next(iter(missing.items()))
@@ -250,13 +229,13 @@ def _check_complete(
         )
 
 
-def _exceeded_limits(user_limits: JointLimits, file_limits: RobotJointLimits) -> tuple[str, ...]:
+def _exceeded_limits(given: LimitValues, of_file: LimitValues) -> tuple[str, ...]:
     """Return the names of the limits that a user gives beyond those of the file."""
     exceeded = []
-    for name, file_field in FILE_FIELDS.items():
-        user_value, file_value = getattr(user_limits, name), getattr(file_limits, file_field)
-        if None not in (user_value, file_value):
-            exceeded += [name] * (user_value < file_value if name == "lower" else user_value > file_value)
+    for kind, value in given.items():
+        bound = of_file[kind]
+        if value is not None and bound is not None and (value < bound if kind == "lower" else value > bound):
+            exceeded.append(kind)
     return tuple(exceeded)
 
 

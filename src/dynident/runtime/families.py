@@ -154,6 +154,7 @@ def settings_type(part: type) -> Any:
     return getattr(part, "Settings", part)
 
 
+@cache
 def settings_hints(holder: type) -> dict[str, Any]:
     """Return the types of a dataclass's fields by name; ConfigError where a name in them is not known when it runs."""
     try:
@@ -173,6 +174,11 @@ def _import_object(place: str) -> Any:
 
 
 def _entry_points(group: str) -> dict[str, Any]:
+    return _entry_points_on_path(group, tuple(sys.path))
+
+
+@cache  # to look through all packages takes 10 ms, and is asked for with each part
+def _entry_points_on_path(group: str, path: tuple[str, ...]) -> dict[str, Any]:  # noqa: ARG001 - is searched
     from importlib.metadata import entry_points
 
     return {entry.name: entry for entry in entry_points(group=group)}

@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.identification.terms import TrialOutcome, choose_terms
+from dynident.identification.terms import TrialOutcome, choose_terms, library_kinds
 from dynident.identification.terms.motors import coupled_motors
 from dynident.models import CoupledFriction, CoupledMotor, Model
 from tests.identification.terms import simulated
 from tests.identification.terms.simulated import bodies, recorded
 
+PLAIN = tuple(kind for kind in library_kinds() if kind.presumed)
 SHARES = {"j2": 1.0, "j3": 1.0}
 
 
@@ -30,7 +31,7 @@ def test_its_friction_is_found() -> None:
     dphi = motion.dq[:, 1] + motion.dq[:, 2]
     more = 0.8 * np.sign(dphi) * np.abs(dphi) ** 0.3
     motion = replace(motion, tau=motion.tau + np.outer(more, [0.0, 1.0, 1.0]))
-    choice = choose_terms(model(), [motion])
+    choice = choose_terms(model(), [motion], kinds=PLAIN)
     found = [one for one in choice.terms if isinstance(one, CoupledFriction)]
     assert [(one.name, one.acts_on) for one in found] == [("m", ("j2", "j3"))]
     tried = [one for one in choice.trials if one.kind == f"coupled {found[0].law}"]
@@ -38,5 +39,5 @@ def test_its_friction_is_found() -> None:
 
 
 def test_none_enters_without_it() -> None:
-    choice = choose_terms(model(), [recorded(simulated.coulomb, 1)])
+    choice = choose_terms(model(), [recorded(simulated.coulomb, 1)], kinds=PLAIN)
     assert not any(isinstance(one, CoupledFriction) for one in choice.terms)

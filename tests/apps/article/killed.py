@@ -22,7 +22,7 @@ from dynident.models.simulation import Recording
 from dynident.runtime.jobs.cluster import code_version
 from tests.apps.article.work import LEVELS, Mean, Still
 
-KILLS, RUNS, STEP = 22, 320, 32
+KILLS, RUNS, STEP = 10, 80, 8
 
 
 class Slow(Mean):
@@ -73,7 +73,7 @@ def main(seed: int, path: Path) -> None:
     whole, rng = time.monotonic() - began, np.random.default_rng(seed)
     for _ in range(KILLS):
         child = forked(path)
-        time.sleep(rng.uniform(0.0, whole / 12))
+        time.sleep(rng.uniform(0.0, whole / 6))
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
     os.waitpid(forked(path), 0)

@@ -31,7 +31,7 @@ from tests.cli.commands import run
 FINE_STEP, SIZE = 5e-4, 0.02  # s, rad
 
 
-def slack_recording(seed: int, k: int, output: bool, duration: float = 8.0, stiffness: float = 0.0) -> ServoLog:
+def slack_recording(seed: int, k: int, output: bool, duration: float = 5.0, stiffness: float = 0.0) -> ServoLog:
     """The demo's arm with a gap or spring behind the motor of joint k, simulated in finer steps than the fit has."""
     t, command, _ = servo_recording(seed, duration)
     gap = f'<joint name="gap" axis="{"0 0 1" if k == 0 else "0 1 0"}" range="{-SIZE / 2} {SIZE / 2}" limited="true" '
@@ -81,7 +81,7 @@ def test_right_arms_have_none(seed: int) -> None:
 
 
 def test_a_spring_behind_a_motor_is_no_gap() -> None:
-    assert gaps_of(slack_recording(1, 1, output=False, duration=10.0, stiffness=15.0)) == ()
+    assert gaps_of(slack_recording(1, 1, output=False, duration=6.0, stiffness=15.0)) == ()
 
 
 def test_noise_is_no_gap() -> None:
@@ -92,7 +92,7 @@ def test_noise_is_no_gap() -> None:
 
 def test_backlash_is_in_verdict_warnings_and_numbers(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    _, *logs = servo_files(tmp_path, 8.0)
+    _, *logs = servo_files(tmp_path, 5.0)
     for seed, path in enumerate(logs, start=1):
         log = slack_recording(seed, 2, output=True)
         rows = np.column_stack([log.t, log.command, log.q])

@@ -98,7 +98,7 @@ def test_a_command_whose_zero_is_another_is_named(motion) -> None:
 
 
 def test_commands_are_held_or_interpolated_as_the_log_says() -> None:
-    log = recording()
+    log = recording(duration=3.0)
     (q,) = plant().rollout(values(), replace(log, held=False))
     motion = smooth_servo_log(replace(log, q=np.round(q / COUNT) * COUNT))
     servo = {"command": {"column": "x", "unit": "rad"}, "kp": KP, "limit": LIMIT}

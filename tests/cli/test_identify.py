@@ -22,6 +22,7 @@ from dynident.project.saved import model_files
 from dynident.runtime.jobs import cluster
 from dynident.runtime.kernel import kernel
 from tests.cli.commands import configure, refuse, run, succeed, write_log
+from tests.project.test_explicit_config import QUICK
 from tests.project.test_explicit_config import write as configuration
 from tests.saved_results import errors_by_log
 
@@ -278,7 +279,7 @@ class TestWriteConfig:
     def test_it_writes_what_repeats_the_result_and_advises_it(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        path, made = configuration(tmp_path / "arm"), list[Identification]()
+        path, made = configuration(tmp_path / "arm", **QUICK), list[Identification]()
         fit = project.identify
         monkeypatch.setattr(project, "identify", lambda *given, **how: made.append(fit(*given, **how)) or made[-1])
         done = succeed("identify", path, "--out", tmp_path / "a", "--write-config", tmp_path / "b" / "fixed.yaml", "-v")

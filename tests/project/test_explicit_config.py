@@ -28,6 +28,13 @@ from dynident.runtime.families import ESTIMATORS
 from tests.identification.terms import simulated
 from tests.identification.terms.simulated import ARM, bodies, recorded
 
+# leaves out what takes most of the time
+QUICK = {
+    "smoother": {"kind": "difference"},
+    "time_offset": 0.0,
+    "train": [{"file": "logs/mon: #day.csv", "window": [0, 8]}],
+    "validation": [{"file": "logs/tuesday.csv", "window": [0, 4]}],
+}
 NAMES = {"j1": "on", "j2": "no: \"#x'", "j3": "terms"}
 MINE = """
 from dataclasses import dataclass
@@ -131,7 +138,7 @@ def test_settings_of_a_part_inside_another_are_left_out_likewise(tmp_path: Path)
 
 def test_a_term_of_the_user_beside_those_chosen_is_found_from_another_folder(tmp_path: Path) -> None:
     terms = ["auto", {"kind": "mine.py:Mine", "on": ["on"]}]
-    path = write(tmp_path / "a", terms, train=[{"file": "logs/mon: #day.csv", "window": [0, 8]}])
+    path = write(tmp_path / "a", terms, **QUICK)
     (path.parent / "mine.py").write_text(MINE, encoding="utf-8")
     found = run(path)
     assert found.model.names.count("mine_on") == 1
@@ -143,7 +150,7 @@ def test_a_term_of_the_user_beside_those_chosen_is_found_from_another_folder(tmp
 
 
 def test_too_few_samples_leave_the_plain_set(tmp_path: Path) -> None:
-    found = run(write(tmp_path / "a", train=[{"file": "logs/mon: #day.csv", "window": [0, 2.5]}]))
+    found = run(write(tmp_path / "a", **QUICK | {"train": [{"file": "logs/mon: #day.csv", "window": [0, 2.5]}]}))
     choice = found.calibration.terms
     assert choice is not None
     assert choice.trials == ()
@@ -180,7 +187,9 @@ def test_a_result_without_terms_is_of_the_bodies_alone(tmp_path: Path) -> None:
 
 
 def test_other_sections_are_kept(tmp_path: Path) -> None:
-    path = write(tmp_path / "a", ["viscous"], zero={"on": 0.1}, filter={"decimate": 2}, min_speed={"terms": 0.01})
+    path = write(
+        tmp_path / "a", ["viscous"], zero={"on": 0.1}, filter={"decimate": 2}, min_speed={"terms": 0.01}, **QUICK
+    )
     data: Mapping[str, Any] = explicit_settings(run(path), tmp_path)
     assert data["zero"] == {"on": 0.1}
     assert data["filter"] == {"decimate": 2}

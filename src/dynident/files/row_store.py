@@ -104,7 +104,7 @@ class RowStore:
             self._merge()
 
     def __contains__(self, key: object) -> bool:
-        return self._known.get(key, False)  # type: ignore[call-overload]
+        return bool(self._known.get(key, False))  # type: ignore[call-overload]
 
     def __len__(self) -> int:
         return self._count

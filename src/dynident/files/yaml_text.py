@@ -36,7 +36,7 @@ class ConfigLoader(yaml.SafeLoader):
         """Count a node while the text is read: nested aliases grow exponentially."""
         is_alias = self.check_event(yaml.AliasEvent)
         node = super().compose_node(parent, index)
-        if not is_alias:
+        if node is not None and not is_alias:
             if node.tag == _INT_TAG and len(node.value) > MAX_DIGITS:
                 words = f"{node.value[:20]}... is a number of {len(node.value)} digits; no setting is so large"
                 raise yaml.composer.ComposerError(None, None, words, node.start_mark)

@@ -24,7 +24,7 @@ from dynident.runtime import OMITTED, Axes, Finding, InputError, KeepsFacts, Mes
 from dynident.runtime.arrays import Array
 from dynident.runtime.families import action
 from dynident.runtime.kernel import kernel
-from dynident.validation import SEED, FreeRun, LogValidation, Role, validate
+from dynident.validation import SEED, FreeRun, LogValidation, validate
 
 if TYPE_CHECKING:
     import polars as pl
@@ -198,7 +198,7 @@ class Identification(KeepsFacts):
         """The notes among the warnings."""
         return Messages(warning for warning in self.warnings if isinstance(warning, Note))
 
-    def of_role(self, role: Role) -> tuple[LogValidation, ...]:
+    def of_role(self, role: str) -> tuple[LogValidation, ...]:
         """Return the logs of the training, or the held-out ones."""
         return tuple(validation for validation in self.validations if validation.role == role)
 

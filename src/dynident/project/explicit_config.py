@@ -188,7 +188,7 @@ def _comment_lines(comments: Mapping[str, Sequence[str]], key: str, indent: str 
 
 def _yaml_lines(key: str, value: Any, indent: str = "") -> list[str]:
     """Return a setting as YAML, in which mappings and lists of plain values alone are on one line."""
-    how = {"default_flow_style": None, "width": math.inf, "sort_keys": False, "allow_unicode": True}
+    how: dict[str, Any] = {"default_flow_style": None, "width": math.inf, "sort_keys": False, "allow_unicode": True}
     text = yaml.dump({key: value}, Dumper=_Dumper, **how).rstrip("\n")
     text = text[1:-1] if text.startswith("{") else text  # of one plain value
     return [indent + line for line in text.split("\n")]

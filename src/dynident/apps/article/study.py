@@ -119,7 +119,8 @@ class _FitRunner:
     def _fit_columns(self, job: FitJob) -> dict[str, Any]:
         began, numbers = time.perf_counter(), NOTHING
         try:
-            recording = _recording(self.scenarios[job.scenario], job.level, job.run, job.seed)
+            scenario: Any = self.scenarios[job.scenario]
+            recording = _recording(scenario, job.level, job.run, job.seed)
             began = time.perf_counter()
             estimate = self.methods[job.method].estimate(recording)
             interval = [] if estimate.interval is None else estimate.interval.ravel().tolist()

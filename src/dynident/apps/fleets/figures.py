@@ -156,7 +156,7 @@ def _shown_logs(trend: ParameterTrend, max_points: int) -> NDArray[np.intp]:
     visible = np.flatnonzero(np.isfinite(trend.std) & np.isfinite(trend.value))
     if len(visible) <= max_points:
         return visible
-    return visible[np.linspace(0, len(visible) - 1, max_points).round().astype(int)]
+    return np.asarray(visible[np.linspace(0, len(visible) - 1, max_points).round().astype(int)])
 
 
 def _axis_positions(days: Array, start: datetime | None) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -64,7 +64,7 @@ def _floor_ratio(log: LogValidation) -> Iterator[tuple[str, ...]]:
     yield f"{number(log.over_floor, 3 if log.over_floor < 1.5 else 2)} ×", "torque error relative to noise", note
 
 
-def _torque_error(held_out: list[LogValidation], train: list[LogValidation]) -> tuple[str, ...]:
+def _torque_error(held_out: Sequence[LogValidation], train: Sequence[LogValidation]) -> tuple[str, ...]:
     trained = max(map(_judged_error, train))
     if not held_out:
         return "-", "torque error, held out", f"no log was held out; training {number(trained, 3)} %"
@@ -87,7 +87,7 @@ def _simulation_error(identification: Identification) -> tuple[str, ...]:
     return f"{number(size, 2)} %", title, f"of the motion of {joint} ({run.name}), {how}"
 
 
-def _effort_share(identification: Identification, logs: list[LogValidation], role_word: str) -> tuple[str, ...]:
+def _effort_share(identification: Identification, logs: Sequence[LogValidation], role_word: str) -> tuple[str, ...]:
     """Return the largest rms error in % of the joint's effort limit, or in its unit where no limit is known."""
     worst = _largest([((log, joint), size) for log in logs for joint, size in log.errors.effort_share.items()])
     if worst is not None:

@@ -31,7 +31,7 @@ def error(posed: Problem, theta: Array) -> float:
 @pytest.mark.parametrize("noise", [0.0, 0.01, 0.03])
 def test_equals_least_squares_where_that_is_possible(noise: float) -> None:
     posed = problem(single(None, ("viscous", 5)), np.append(BODY, 0.7), noise)
-    plain, found = LeastSquares()(posed), PhysicallyConsistent(weights="equal")(posed)
+    plain, found = LeastSquares()(posed), PhysicallyConsistent(fit=LeastSquares())(posed)
     np.testing.assert_allclose(found.value, plain.value, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(found.covariance, plain.covariance, rtol=1e-6, atol=1e-15)
     np.testing.assert_allclose(found.residual.sigma, plain.residual.sigma, rtol=1e-6, atol=1e-12)
@@ -78,7 +78,7 @@ def test_no_possible_body_fits_better(seed: int, noise: float, rod: bool) -> Non
     rng = np.random.default_rng(seed)
     truth = cloud(0.2 * rng.normal(size=(2, 3)), rng.uniform(0.5, 2, 2)) if rod else random_body(rng)
     posed = problem(single(), truth, noise, seed, 40)
-    found = PhysicallyConsistent(weights="equal")(posed)
+    found = PhysicallyConsistent(fit=LeastSquares())(posed)
     assert smallest(found.value) > 0
     assert min(found.consistency.costs.values()) >= 0
     best = error(posed, found.value)
@@ -97,7 +97,7 @@ def test_threshold_leaves_weak_directions_to_the_prior() -> None:
     truth = np.append(BODY, 0.01)
     posed = problem(model, truth, 0.2, spread=(1, 1, 1, 0.001, 0.001, 1, 0.001, 0.001, 1))
     strict, loose = (
-        PhysicallyConsistent(threshold=1e-2, inertia=False)(posed),
+        PhysicallyConsistent(fit=LeastSquares(1e-2, "per_joint"), inertia=False)(posed),
         PhysicallyConsistent(inertia=False, rotor=False)(posed),
     )
     assert (strict.determined.rank, loose.determined.rank) == (7, 11)

@@ -146,7 +146,7 @@ def two_links(tau2: float | None = None) -> Log:
     return log if tau2 is None else replace(log, tau=np.column_stack([log.tau[:, 0], np.full(len(log), tau2)]))
 
 
-ESTIMATORS = [LeastSquares(), PhysicallyConsistent(weights="per_joint"), MaximumLikelihood()]
+ESTIMATORS = [LeastSquares(), PhysicallyConsistent(), MaximumLikelihood()]
 
 
 @pytest.mark.parametrize("constant", [0.0, 7.5])

@@ -96,5 +96,5 @@ def test_the_consistent_projection_is_the_offline_one() -> None:
     tracker = Tracker(result, estimate_smoothing(result, log))
     tracker.push(log.t, log.q, log.tau)
     tracker.finish()
-    expected = offline(result, log, PhysicallyConsistent(costs=False, weights="equal"))
+    expected = offline(result, log, PhysicallyConsistent(costs=False, fit=LeastSquares()))
     np.testing.assert_allclose(tracker.estimate(PhysicallyConsistent(costs=False)).value, expected.value, atol=1e-5)

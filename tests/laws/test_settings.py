@@ -95,7 +95,7 @@ CAUSES = {
         ("time_offset: a number from -60 to 60 s", "got 1000000000.0", "'estimate'"),
     ),
     "long time offset": ("", "time_offset", 50, ("time_offset", "50 s", "no sample of its 3 s is left")),
-    "threshold": ("consistent", "threshold", 0.5, ("estimator.threshold: should be less than or equal to 0.01",)),
+    "tolerance": ("least_squares", "tolerance", 0.5, ("estimator.tolerance: should be less than or equal to 0.01",)),
     "butterworth": ("butterworth", "cutoffs", [1e-9] * 3, ("cut-off of 1e-09 Hz is too low", "at least 0.033 Hz")),
     "mass": ("consistent robot", "total_mass", [-1e300, -1e300], ("total mass: the limits -1e+300", "1e+09 at most")),
     "many terms": ("model", "terms", [1] * 1000, ("model.terms: at most 100 entries",)),

@@ -27,14 +27,7 @@ from dynident.estimators.estimator import (
     prior_values,
     to_tuples,
 )
-from dynident.estimators.least_squares import (
-    MAX_ITERATIONS,
-    MAX_RANK_TOLERANCE,
-    LeastSquares,
-    LinearEstimator,
-    LinearFit,
-    Weights,
-)
+from dynident.estimators.least_squares import LeastSquares, LinearEstimator, LinearFit
 from dynident.estimators.notes import ConstraintsCostly, HeldByConstraints, PriorApproached, RankDeficient
 from dynident.estimators.physical_constraints import (
     NONNEGATIVE_ROLES,
@@ -161,19 +154,17 @@ class PhysicallyConsistent(Estimator):
 
     ``prior`` is "nominal" (the model's values), "none", "any" (values that the constraints allow, which are found
     fastest), or values by parameter name. It determines only what the data do not, by the rank (``rank_of``) of the
-    noise-weighted regressor; ``threshold`` is its tolerance (None: the precision of the model). The ``distance`` from
-    it is "entropic" (log-det divergence of pseudo-inertias, invariant to frames and units; Euclidean for all other
-    parameters) or "euclidean" (in units of each parameter's usual size). Undetermined parameters without a prior are
-    made as small as the constraints allow. With a ``strength`` above 0, the prior of the bodies also counts against the
-    data: where a parameter is one usual size away from it, by that share of the squared residual. "auto" is 0 here;
-    ``identify`` chooses it by cross-validation.
+    noise-weighted regressor. The ``distance`` from it is "entropic" (log-det divergence of pseudo-inertias, invariant
+    to frames and units; Euclidean for all other parameters) or "euclidean" (in units of each parameter's usual size).
+    Undetermined parameters without a prior are made as small as the constraints allow. With a ``strength`` above 0, the
+    prior of the bodies also counts against the data: where a parameter is one usual size away from it, by that share of
+    the squared residual. "auto" is 0 here; ``identify`` chooses it by cross-validation.
 
     ``margin`` is the least eigenvalue of a pseudo-inertia relative to the body's usual mass and length (the model's
-    values, else 1 kg and 0.1 m); the second program may use half of it. ``weights`` and ``iterations`` are those of
-    ``joint_weights``. Where ``fit`` is an estimator that is linear in the parameters (``LinearEstimator``), its
-    weighted rows are fitted instead: each of them can be made consistent with physics. ``costs`` = False skips the
-    extra fits that measure the cost of each constraint. A small penalty, far below the noise, keeps bodies finite that
-    would fit slightly better the larger they are.
+    values, else 1 kg and 0.1 m); the second program may use half of it. Rows are those of least squares weighted by
+    joint, or those of ``fit``, an estimator that is linear in the parameters (``LinearEstimator``): each of them can be
+    made consistent with physics. ``costs`` = False skips the extra fits that measure the cost of each constraint. A
+    small penalty, far below the noise, keeps bodies finite that would fit slightly better the larger they are.
 
     Constraints that the true parameters violate, or effects missing from the model, bias the estimate: what they move
     the value by is included in the covariance, so that intervals hold wherever those without constraints do.
@@ -204,10 +195,7 @@ class PhysicallyConsistent(Estimator):
     prior: NamedPrior | Mapping[str, float] | tuple[tuple[str, float], ...] = "nominal"
     distance: Distance = "entropic"
     strength: Annotated[float, Ge(0), Le(MAX_STRENGTH)] | Literal["auto"] = "auto"
-    threshold: Annotated[float, Gt(0), Le(MAX_RANK_TOLERANCE)] | None = None
     margin: Annotated[float, Gt(0), Lt(1)] = 1e-5
-    weights: Weights = "per_joint"
-    iterations: Annotated[int, Ge(1), Le(MAX_ITERATIONS)] = 3
     costs: bool = True
     fit: Estimator | None = None
 
@@ -240,9 +228,9 @@ class PhysicallyConsistent(Estimator):
 
     @property
     def linear(self) -> LinearEstimator:
-        """The estimator whose rows are taken: ``fit``, or least squares by the other settings."""
+        """The estimator whose rows are taken: ``fit``, or least squares weighted by joint."""
         fit: Any = self.fit  # checked when it was set
-        return LeastSquares(self.threshold, self.weights, self.iterations) if fit is None else fit
+        return LeastSquares(weights="per_joint") if fit is None else fit
 
     def torque_value(self, problem: Problem) -> Array:
         """Return parameters (p) with the torque of the estimate: without the move towards the prior along what the rows

@@ -16,6 +16,8 @@ from dynident.models.term import Equation, Joint, Parameter, Partials, Term, che
 from dynident.runtime import ModelError, choices
 from dynident.runtime.arrays import Array
 
+MIN_COEFFICIENT, MAX_COEFFICIENT = 1e-9, 1e9  # of a joint in the angle of a motor, in size
+
 
 @dataclass(frozen=True)
 class RotorInertia(PerJoint):
@@ -62,9 +64,10 @@ class _MotorTerm(Term):
             if name in coupled_names:
                 raise ModelError(f"{where}: joint {name!r} is listed twice.")
             coupled_names.add(name)
-            if c == 0 or not np.isfinite(c):
+            if not MIN_COEFFICIENT <= abs(c) <= MAX_COEFFICIENT:
                 raise ModelError(
-                    f"{where}: the coefficient of {name!r} is {c}; give a finite, nonzero one, or leave the joint out."
+                    f"{where}: the coefficient of {name!r} is {c}; give one from {MIN_COEFFICIENT:g} to "
+                    f"{MAX_COEFFICIENT:g} in size, or leave the joint out."
                 )
         if not coupled_names:
             raise ModelError(f"{where}: no joint is coupled; give coefficients such as {{{joint_names[0]!r}: 1.0}}.")
@@ -134,7 +137,7 @@ class CoupledMotor(_MotorTerm):
     ``width`` and ``dead_band`` are those of ``Coulomb``, on dphi; ``values`` are nominal values, where known.
 
     Parameters are Ia_<name>, Fv_<name>, Fc_<name> and offset_<name>. Raises ModelError for an unknown joint, a
-    coefficient that is zero or not finite, no part, a wrong number of values, and as ``Coulomb`` does.
+    coefficient that is zero or huge, no part, a wrong number of values, and as ``Coulomb`` does.
 
     >>> import dynident as dy
     >>> wrist = tuple(map(dy.Joint, ("joint_5", "joint_6")))

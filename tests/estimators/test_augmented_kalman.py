@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from dynident.models import RotorInertia
 from dynident.models.friction import Dahl
 from dynident.models.lagrangian import pendulum, slider, two_link_arm
 from dynident.models.simulation import record, simulate
+from dynident.motion.log import Motion
 from dynident.motion.smoothers import Spline
 from dynident.regression import Regression
 from dynident.runtime import ConfigError, InputError
@@ -37,10 +39,15 @@ def noisy(seed: int, samples: int = 800) -> Problem:
     return make_problem(ARM, multisine_motion(ARM, 0.05, seed, samples))
 
 
+@cache
+def swinging(samples: int) -> Motion:
+    arm = pendulum()
+    return simulate(arm, arm.values, lambda s: [np.sin(5 * s)], np.arange(samples) * 0.01)
+
+
 def recorded(seed: int, samples: int = 801) -> Problem:
-    arm, t = pendulum(), np.arange(samples) * 0.01
-    motion = simulate(arm, arm.values, lambda s: [np.sin(5 * s)], t)
-    log = record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=np.random.default_rng(seed)).log
+    arm = pendulum()
+    log = record(swinging(samples), sigma_q=1e-4, sigma_tau=0.01, rng=np.random.default_rng(seed)).log
     smooth = Spline(sigma=1e-4)(log)
     return Problem(arm, (smooth,), Regression(arm, (smooth,)), (log,))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -142,10 +143,14 @@ TRUTH = np.array(PENDULUM.values)
 T = np.arange(1001) * 0.005
 
 
+@cache
+def swinging() -> Motion:
+    return simulate(PENDULUM, TRUTH, lambda s: [np.sin(2 * s) + np.sin(3 * s)], T, tolerance=1e-9)
+
+
 def noisy_swing(sigma: float) -> Problem:
     """A pendulum whose positions are noisy."""
-    motion = simulate(PENDULUM, TRUTH, lambda s: [np.sin(2 * s) + np.sin(3 * s)], T, tolerance=1e-9)
-    log = record(motion, sigma_q=sigma, sigma_tau=1e-3, rng=np.random.default_rng(0)).log
+    log = record(swinging(), sigma_q=sigma, sigma_tau=1e-3, rng=np.random.default_rng(0)).log
     motions = (Difference()(log),)
     return Problem(PENDULUM, motions, Regression(PENDULUM, motions), (log,))
 
@@ -168,14 +173,14 @@ def test_begins_with_the_fit_that_is_nearest_when_simulated() -> None:
 
 
 def test_begins_with_least_squares_where_this_is_as_near() -> None:
-    motion = simulate(PENDULUM, TRUTH, lambda s: [np.sin(2 * s) + np.sin(3 * s)], T, tolerance=1e-9)
+    motion = swinging()
     found = OutputError()(Problem(PENDULUM, (motion,), Regression(PENDULUM, (motion,))))
     assert not [note for note in found.notes if isinstance(note, StartedElsewhere)]
     np.testing.assert_allclose(found.value, TRUTH, rtol=1e-3)
 
 
 def test_an_open_simulation_starts_from_positions_when_they_were_stamped() -> None:
-    motion = simulate(PENDULUM, TRUTH, lambda s: [np.sin(2 * s) + np.sin(3 * s)], T, tolerance=1e-9)
+    motion = swinging()
     log = record(motion, 0.0, 0.0, np.random.default_rng(0)).log
     early = (motion.shift(0.01),)
     (shots,) = open_shots(Problem(PENDULUM, early, Regression(PENDULUM, early), (log,)), 0, np.inf)

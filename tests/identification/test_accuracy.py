@@ -12,16 +12,20 @@ from dynident.models import Model, RigidBodies
 from dynident.models.friction import Viscous
 from dynident.models.lagrangian import pendulum
 from dynident.models.simulation import record, simulate
-from dynident.motion.log import Log
+from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Spline
 from dynident.runtime import ConfigError
 from tests.robots import ARM
 
 
-def swing(seed: int = 0, sigma_q: float = 1e-4, sigma_tau: float = 0.05) -> tuple[Model, Log]:
+@cache
+def swinging() -> Motion:
     model, t = pendulum(), np.arange(1001) * 0.005
-    motion = simulate(model, model.values, lambda s: [np.sin(5 * s) + np.cos(2 * s)], t, tolerance=1e-9)
-    return model, record(motion, sigma_q, sigma_tau, np.random.default_rng(seed), f"swing {seed}").log
+    return simulate(model, model.values, lambda s: [np.sin(5 * s) + np.cos(2 * s)], t, tolerance=1e-9)
+
+
+def swing(seed: int = 0, sigma_q: float = 1e-4, sigma_tau: float = 0.05) -> tuple[Model, Log]:
+    return pendulum(), record(swinging(), sigma_q, sigma_tau, np.random.default_rng(seed), f"swing {seed}").log
 
 
 @cache

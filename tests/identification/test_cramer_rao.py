@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import runpy
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,7 @@ def test_the_articles_arm(name: str, level: float) -> None:
     np.testing.assert_allclose(100 * np.sqrt(np.diag(found)) / arm.values, TABLE[name, level], rtol=0.02)
 
 
+@cache
 def swing(samples: int = 201):
     model = pendulum()
     t = np.linspace(0, 2, samples)

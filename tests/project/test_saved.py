@@ -20,7 +20,7 @@ from dynident.models import Model
 from dynident.models.friction import Viscous
 from dynident.models.lagrangian import slider, two_link_arm
 from dynident.models.simulation import RunsAway, record, simulate
-from dynident.motion.log import Log
+from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Spline, TimeShifted
 from dynident.project.config import read_config
 from dynident.project.logs import log_spec
@@ -38,12 +38,15 @@ DATA = Path(__file__).parents[1] / "data"
 Made = tuple[Model, Identification]
 
 
-def swing(model: Model, noise: float, seed: int, rate: float = 3.0, seconds: float = 4.0) -> Log:
+@cache
+def moved(rate: float, seconds: float) -> Motion:
     """The two-link arm, driven by sines, without base parameters that are tied."""
-    t = np.linspace(0, seconds, round(200 * seconds) + 1)
-    arm = two_link_arm()
-    moved = simulate(arm, arm.values, lambda s: (1.13 * np.sin(rate * s), 0.78 * np.cos(4 * s)), t, tolerance=1e-9)
-    return record(moved, noise, 0.01, np.random.default_rng(seed), source=f"swing {seed}").log
+    arm, t = two_link_arm(), np.linspace(0, seconds, round(200 * seconds) + 1)
+    return simulate(arm, arm.values, lambda s: (1.13 * np.sin(rate * s), 0.78 * np.cos(4 * s)), t, tolerance=1e-9)
+
+
+def swing(model: Model, noise: float, seed: int, rate: float = 3.0, seconds: float = 4.0) -> Log:
+    return record(moved(rate, seconds), noise, 0.01, np.random.default_rng(seed), source=f"swing {seed}").log
 
 
 @cache

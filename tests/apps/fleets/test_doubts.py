@@ -29,6 +29,7 @@ from tests.apps.fleets.made import FLEET, RECIPE, write_log
 from tests.apps.fleets.simulated import FRICTION_A, GROUPS, OFFSET_B, PAYLOAD, SIZE, fleet
 
 JOINTS = Joint("a"), Joint("b"), Joint("rail", "prismatic")
+FEW_DRAWS = {"rate": 0.05, "draws": 200}  # the smaller the rate, the more draws
 SAMPLES, DAILY = 1000.0, 0.06  # of a log; how much residuals differ from log to log
 
 
@@ -63,7 +64,7 @@ def test_the_residual_of_each_joint_is_a_group_in_units_of_its_torque() -> None:
     np.testing.assert_array_equal(np.hstack([one.directions for one in groups]), np.eye(3))
 
 
-@pytest.mark.parametrize(("robots", "logs", "fleets"), [(10, 10, 8), (3, 4, 20)])
+@pytest.mark.parametrize(("robots", "logs", "fleets"), [(10, 10, 6), (3, 4, 14)])
 def test_quiet_robots_are_flagged_no_more_often_than_said(robots: int, logs: int, fleets: int) -> None:
     """A count above these has a probability of 1e-3 at the rate stated."""
     rng, chances, flagged, rate = np.random.default_rng(robots + logs), [], 0, 0.05
@@ -82,7 +83,7 @@ def test_a_residual_that_grows_is_found_at_its_joint_beside_a_change_of_paramete
     rng = np.random.default_rng(1)
     histories = fleet(rng, 10, 16, {4: carries})
     left = residuals(rng, histories, {2: grows, 7: grows})
-    found = find_changes_and_residuals(histories, GROUPS, left, JOINTS, rng)
+    found = find_changes_and_residuals(histories, GROUPS, left, JOINTS, rng, **FEW_DRAWS)
     assert {(one.robot, one.group.kind, one.group.joint) for one in found.changes} == {
         ("robot2", GroupKind.RESIDUAL, "b"), ("robot4", GroupKind.PAYLOAD, "b"), ("robot7", GroupKind.RESIDUAL, "b")
     }  # fmt: skip
@@ -98,7 +99,7 @@ def test_a_residual_that_a_change_of_parameters_explains_is_left_out(late: int, 
     rng = np.random.default_rng(2)
     histories = fleet(rng, 10, 18, {4: carries})
     found = find_changes_and_residuals(
-        histories, GROUPS, residuals(rng, histories, {4: lambda log: steps(log - late)}), JOINTS, rng
+        histories, GROUPS, residuals(rng, histories, {4: lambda log: steps(log - late)}), JOINTS, rng, **FEW_DRAWS
     )
     assert sorted({str(one.group.kind) for one in found.of("robot4")}) == kinds
     assert len(found.changes) == len(found.of("robot4"))
@@ -121,7 +122,7 @@ def test_friction_of_another_joint_explains_nothing() -> None:
 
     histories = fleet(rng, 10, 16, {4: rubs})
     left = residuals(rng, histories, {4: steps})
-    found = find_changes_and_residuals(histories, GROUPS, left, JOINTS, rng)
+    found = find_changes_and_residuals(histories, GROUPS, left, JOINTS, rng, **FEW_DRAWS)
     joints = sorted(one.group.joint for one in found.of("robot4") if one.group.kind is GroupKind.RESIDUAL)
     assert joints == ["b", "rail"]
     assert GROUPS[FRICTION_A] in [one.group for one in found.of("robot4")]
@@ -136,12 +137,12 @@ def test_without_residuals_all_of_the_rate_is_that_of_the_parameters() -> None:
 
 
 def test_a_ripple_that_the_recipe_does_not_have_is_flagged_at_its_joint(tmp_path: Path) -> None:
-    """Three robots with six logs; a ripple of 0.3 N m in the end, beside friction of 0.6 N m."""
+    """Three robots with four logs; a ripple of 0.3 N m in the end, beside friction of 0.6 N m."""
     for robot in range(3):
-        for k in range(6):
+        for k in range(4):
             path = write_log(tmp_path, f"arm-{robot}", f"2026-01-{k + 1:02}", 10 * robot + k + 50)
             if robot == 1:
-                ripple = 0.06 * k * (12 * pl.col("q2")).sin()
+                ripple = 0.1 * k * (12 * pl.col("q2")).sin()
                 pl.read_csv(path).with_columns(tau2=pl.col("tau2") + ripple).write_csv(path)
     (tmp_path / "robot.yaml").write_text(RECIPE)
     (tmp_path / "fleet.yaml").write_text(FLEET)
@@ -153,7 +154,7 @@ def test_a_ripple_that_the_recipe_does_not_have_is_flagged_at_its_joint(tmp_path
     assert words.startswith("arm-1: torque that the model leaves at elbow ")
     assert "recipe.yaml" in words
     assert "torque that the model leaves at elbow" in (tmp_path / "out" / "report.html").read_text()
-    assert found.residuals[1].value.shape == (6, 2)
+    assert found.residuals[1].value.shape == (4, 2)
 
 
 def together(histories: list[History], rng: np.random.Generator) -> tuple[ParameterGroup, ...]:

@@ -315,7 +315,7 @@ def test_without_the_torque_of_one_joint_the_others_are_watched() -> None:
 
 
 def test_of_a_robot_that_does_not_move_this_is_said_once() -> None:
-    t = np.arange(7000) / 10.0
+    t = np.arange(4000) / 10.0
     q = np.zeros((len(t), 2))
     events = [one for one in arm_said(t, q, q) if isinstance(one, Resting)]
     assert events == [Resting(300.0, 0.0)]

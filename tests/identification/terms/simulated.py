@@ -72,6 +72,12 @@ def coulomb(t: Array, q: Array, dq: Array, load: Array) -> Array:
     return viscous(t, q, dq, load) + np.sign(dq)
 
 
+def averaged(t: Array, q: Array, dq: Array, load: Array) -> Array:
+    """Viscous and Coulomb friction, each sample the mean over its interval: at a reversal of both signs."""
+    step = np.abs(np.gradient(dq, axis=0))
+    return viscous(t, q, dq, load) + np.clip(2.0 * dq / step, -1.0, 1.0)
+
+
 def wide(t: Array, q: Array, dq: Array, load: Array) -> Array:
     """The same with a wide sign."""
     return viscous(t, q, dq, load) + np.tanh(dq / 0.1)

@@ -18,6 +18,7 @@ from dynident.identification.terms import (
     kind_of_class,
     library_kinds,
 )
+from dynident.identification.terms.samples import TermSamples
 from dynident.models import Joint, Model
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.regression import Regression, Selection
@@ -78,6 +79,17 @@ def test_the_terms_chosen_predict_other_motion_better_also_twice_as_fast(law: st
 def test_shape_constants_are_those_of_the_law() -> None:
     (widths,) = (one for one in chosen("wide").terms if isinstance(one, Coulomb))
     assert [widths.constant("width", name) for name in widths.acts_on] == pytest.approx([0.1] * 3, rel=0.4)
+
+
+def test_a_width_that_is_passed_within_a_sample_is_no_friction(monkeypatch: pytest.MonkeyPatch) -> None:
+    def widths() -> list[float]:
+        choice = choose_terms(Model((bodies(),)), [recorded(simulated.averaged, 1, noise=0.01)], kinds=PLAIN)
+        (sign,) = (term for term in choice.terms if isinstance(term, Coulomb))
+        return [float(sign.constant("width", name)) for name in sign.acts_on]
+
+    assert widths() == [0.0] * 3
+    monkeypatch.setattr(TermSamples, "turning_step", lambda samples, j: 0.0)
+    assert min(widths()) > 0  # the width that predicts best: of the mean, not of the friction
 
 
 def test_the_rate_of_a_ripple_is_right_also_where_the_motion_did_not_go() -> None:

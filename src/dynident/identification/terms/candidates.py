@@ -205,6 +205,13 @@ class NotChosen(Note):
 Setting = int | float | str | bool | tuple[int | float | str, ...] | None
 
 
+def settings_of(term: Term) -> tuple[tuple[str, Setting], ...]:
+    """Return the constants of a term by name."""
+    if isinstance(term, JointTerm):
+        return tuple((name, term.constant(name, term.acts_on[0])) for name in term.constants)
+    return tuple(getattr(term, "settings", ()))
+
+
 @dataclass(frozen=True)
 class TermTrial:
     """A ``kind`` of term that was tried on one ``joint``, with its best ``settings``, beside all others chosen for it.

@@ -214,6 +214,7 @@ class _TermSelection:
                 search.forward(candidates)
                 search.backward(candidates)
                 search.exchange(candidates)
+                search.sharpen(self.samples.turning_step(j))
                 if not self.samples.moves_both_ways(j):
                     search.keep_dry_friction(candidates)
                 normals[j] = search.normal
@@ -390,9 +391,8 @@ class _TermSelection:
         candidates = CandidateGrams(grams, self._other_normals(searches, j), joint_search.weight)
         eye, errors = np.eye(F), []
         for k in range(C):
-            fast = (np.arange(C) >= k).astype(float)
             # All samples are predicted, also the slow ones that are left out of the fit.
-            folds = Folds((1.0 - eye)[:, :, None] * fast, eye[:, :, None] * np.ones(C), np.arange(F))
+            folds = Folds((1.0 - eye)[:, :, None] * (np.arange(C) >= k), eye[:, :, None] * np.ones(C), np.arange(F))
             errors.append(try_groups(candidates, folds, range(len(joint_search.columns)), ()).before)
         gains = [gain_share(errors[0] - error, errors[0]) for error in errors]
         best, (gain, std) = max(enumerate(gains), key=lambda pair: pair[1][0])

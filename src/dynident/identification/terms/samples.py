@@ -53,6 +53,16 @@ class TermSamples(Noun):
         motion_states = [motion.states(rows) for motion, rows in zip(self.motions, self.rows, strict=True)]
         return {name: np.concatenate([state[name] for state in motion_states]) for name in motion_states[0]}
 
+    def turning_step(self, j: int) -> float:
+        """Return by how much the velocity of a joint changes between two samples where it turns (rad/s, m/s)."""
+        steps = [np.zeros(0)]
+        for motion in self.motions:
+            before, after = motion.dq[:-1, j], motion.dq[1:, j]
+            turns = (before * after < 0) & motion.mask[:-1] & motion.mask[1:]
+            steps.append(np.abs(after - before)[turns])
+        all_steps = np.concatenate(steps)
+        return float(np.median(all_steps)) if len(all_steps) else 0.0
+
     @cached_property
     def usable_states(self) -> tuple[tuple[Array, Array, Array], ...]:
         """The q, dq, ddq of each motion at its usable samples."""

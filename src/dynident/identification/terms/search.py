@@ -9,7 +9,7 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.identification.terms.candidates import CandidateKind, Setting, TermTrial, TrialOutcome
+from dynident.identification.terms.candidates import CandidateKind, TermTrial, TrialOutcome, settings_of
 from dynident.identification.terms.grams import (
     CandidateGrams,
     Folds,
@@ -21,7 +21,7 @@ from dynident.identification.terms.grams import (
     try_groups,
 )
 from dynident.models import Term
-from dynident.models.friction import JointTerm
+from dynident.models.friction import DryFriction
 from dynident.runtime import Noun, brief
 from dynident.runtime.arrays import Array
 
@@ -255,6 +255,18 @@ class JointSearch:
                 self.entered = alternative.entered
                 self.trials |= alternative.trials
 
+    def sharpen(self, turning_step: float) -> None:
+        """Make signs sharp whose width is at most the ``turning_step``, by which the velocity changes in a sample.
+
+        A sample on the way may hold the torque of both directions, which such a width imitates: it is no friction.
+        """
+        for k, entry in enumerate(self.entered):
+            sharp, term = entry.group.terms[0], entry.term
+            if not (isinstance(term, DryFriction) and isinstance(sharp, DryFriction) and sharp.sharp.all()):
+                continue
+            if float(term.constant("width", self.joint)) <= turning_step:
+                self.entered[k] = replace(entry, size=0)
+
     def keep_dry_friction(self, candidates: CandidateGrams) -> None:
         """Keep Coulomb friction in its first size where no dry friction has entered."""
         # One way, Coulomb friction and offset are one column: without the first, all of it would be the offset.
@@ -293,7 +305,7 @@ class JointSearch:
             size, gains = int(overall.best[0, g]), blocks.before - blocks.after[:, g]
             gain, std = gain_share(gains, blocks.before)
             outcome = self._outcome(group, size, gain, (STAY_FACTOR if stays else 1.0) * std, overall, g)
-            trial = TermTrial(self.joint, group.kind.name, _settings(group.terms[size]), gain, std, outcome)
+            trial = TermTrial(self.joint, group.kind.name, settings_of(group.terms[size]), gain, std, outcome)
             results.append(_TrialResult(trial, gains, TermEntry(group, size)))
         return results if stays else self._refute_elsewhere(candidates, results)
 
@@ -372,13 +384,6 @@ def _is_better_kin(result: _TrialResult, best: _TrialResult) -> bool:
     kinds = result.entered.group.kind, best.entered.group.kind
     alike = all(kind.dry for kind in kinds) and kinds[0].needs_load == kinds[1].needs_load
     return alike and result.trial.outcome is TrialOutcome.WITHIN_ERROR and result.trial.gain >= best.trial.gain
-
-
-def _settings(term: Term) -> tuple[tuple[str, Setting], ...]:
-    """Return the constants of a term by name."""
-    if isinstance(term, JointTerm):
-        return tuple((name, term.constant(name, term.acts_on[0])) for name in term.constants)
-    return tuple(getattr(term, "settings", ()))
 
 
 def renumber_columns(entered: Sequence[TermEntry]) -> list[TermEntry]:

@@ -230,37 +230,21 @@ class CapsuleSpace(Noun):
         )
 
     def _all_pairs(self, placements: Placements) -> PairDistances:
-        starts, along = self._segments(placements)
-        meetings, encounters = self._meeting_distances(starts, along), self._encounter_distances(starts, along)
-        distances, points, directions = (
-            np.concatenate(both, axis=1) for both in zip(meetings, encounters, strict=True)
-        )
-        return distances, points, directions
-
-    def _segments(self, placements: Placements) -> tuple[Array, Array]:
-        """Return the starts of the capsules' axes (N, C, 3), and the vectors to their ends."""
         axes = ([capsule.start for capsule in self.capsules], [capsule.end for capsule in self.capsules])
         starts, ends = (placements.points(self._capsule_bodies, np.array(end).reshape(-1, 3)) for end in axes)
-        return starts, ends - starts
-
-    def _meeting_distances(self, starts: Array, along: Array) -> PairDistances:
-        first, second = self.meetings.T
+        along, radii, (first, second) = ends - starts, self._capsule_radii, self.meetings.T
         distance, point, direction = segment_distance(
             starts[:, first], along[:, first], starts[:, second], along[:, second]
         )
-        return distance - self._capsule_radii[first] - self._capsule_radii[second], point, direction
-
-    def _encounter_distances(self, starts: Array, along: Array) -> PairDistances:
-        empty = np.empty((len(starts), 0, 3))
-        rows: list[PairDistances] = [(empty[..., 0], empty, empty)]
+        rows = [(distance - radii[first] - radii[second], point, direction)]
         for index, obstacle in enumerate(self.obstacles):
             capsules = self.encounters[self.encounters[:, 1] == index, 0]
             distance, point, direction = body_distance(
                 starts[:, capsules], along[:, capsules], partial(signed_distance, obstacle)
             )
-            rows.append((distance - self._capsule_radii[capsules], point, direction))
-        distances, points, direction = (np.concatenate(parts, axis=1) for parts in zip(*rows, strict=True))
-        return distances, points, direction
+            rows.append((distance - radii[capsules], point, direction))
+        distances, points, directions = (np.concatenate(parts, axis=1) for parts in zip(*rows, strict=True))
+        return distances, points, directions
 
     def _pair_names(self, meetings: Integers, encounters: Integers) -> tuple[tuple[str, str], ...]:
         links, names = [capsule.link for capsule in self.capsules], [obstacle.name for obstacle in self.obstacles]

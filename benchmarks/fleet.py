@@ -238,7 +238,7 @@ def print_changes(changes: Changes) -> None:
     for x in changes.changes:
         sizes = ", ".join(f"{n} {s:.3g} ± {e:.2g}" for n, s, e in zip(x.group.names, x.size, x.std, strict=True))
         print(f"{x.robot}  {x.shape} of {x.group.kind} {x.group.joint} since {x.since}: {sizes}; p {x.p_value:.4f}")
-    print(f"standard errors are {changes.scatter.inflation:.2f} times too small")
+    print(f"standard errors are {changes.scatter.inflation**0.5:.2f} times too small")
 
 
 def print_quiet(bench: Bench, robots: int, rng: np.random.Generator) -> None:

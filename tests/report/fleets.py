@@ -8,7 +8,6 @@ import numpy as np
 import polars as pl
 
 from dynident.apps.fleets import Change, Changes, ChangeShape, FleetBase, FleetResult, History, Scatter, pool_robots
-from dynident.apps.fleets.components import VarianceComponents
 from dynident.apps.fleets.fit import schema
 from dynident.models import Joint
 from dynident.regression import GroupKind, ParameterGroup
@@ -23,8 +22,8 @@ PAYLOAD = np.zeros((SIZE, 4))
 PAYLOAD[6:9, 1:] = np.eye(3)
 PAYLOAD[6:9, 0] = 0.5, 0.0, 0.2
 PAYLOAD = PAYLOAD[:, [0, 2, 3]]  # the first direction is no base parameter alone
-NONE = Scatter(VarianceComponents(tuple(np.arange(SIZE)[:, None]), np.zeros((SIZE, SIZE))), 100.0)
-RESIDUAL = Scatter(VarianceComponents(tuple(np.arange(2)[:, None]), np.zeros((2, 2))), 100.0)
+NONE = Scatter(tuple(np.arange(SIZE)[:, None]), np.zeros((SIZE, SIZE)), dof=100.0)
+RESIDUAL = Scatter(tuple(np.arange(2)[:, None]), np.zeros((2, 2)), dof=100.0)
 
 
 def names(odd: str = "") -> tuple[str, ...]:

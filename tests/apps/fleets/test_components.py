@@ -5,6 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 from dynident.apps.fleets.components import (
+    Scatter,
     VarianceComponents,
     blocks_of,
     scatter_of,
@@ -119,7 +120,7 @@ def test_scatter_is_that_of_friction_and_offsets(robots: int, logs: int) -> None
     """Standard errors are 1.5 times too small; the parameters of bodies do not scatter."""
     rng = np.random.default_rng(1)
     found = scatter_of(fleet(rng, robots, logs), GROUPS, rng)
-    assert 1.1 < found.inflation < 1.6
+    assert 1.1**2 < found.inflation < 1.6**2
     relative = np.sqrt(np.diag(found.covariance)) / SIZE
     expected = np.hypot(*SCATTER[:2])
     assert (np.abs(relative[4:8] - expected) < 0.6 * expected).all()
@@ -140,17 +141,17 @@ def test_what_a_log_says_of_the_robot_is_less_than_of_the_day() -> None:
     rng = np.random.default_rng(6)
     (history, *_), found = fleet(rng, 6, 8), scatter_of(fleet(rng, 6, 8), GROUPS, rng)
     J = history.information[0]
-    expected = np.linalg.inv(found.inflation**2 * np.linalg.inv(J) + found.covariance)
+    expected = np.linalg.inv(found.inflation * np.linalg.inv(J) + found.covariance)
     np.testing.assert_allclose(found.with_scatter(J), expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
     assert not found.with_scatter(np.zeros_like(J)).any()
 
 
 STEP, DRIFT = np.repeat([0.0, 1.0], [3, 5]), np.linspace(0.0, 1.0, 8)
-PARTS = VarianceComponents(tuple(np.arange(B)[:, None]), np.diag((0.03 * SIZE) ** 2), 1.7)
+PARTS = Scatter(tuple(np.arange(B)[:, None]), np.diag((0.03 * SIZE) ** 2), 1.7, 50.0)
 
 
 def ratios(history):
-    return LikelihoodRatios.of(history, GROUPS, PARTS, np.array([STEP, DRIFT]), 50.0)
+    return LikelihoodRatios.of(history, GROUPS, PARTS, np.array([STEP, DRIFT]))
 
 
 def with_step(log: int, value: np.ndarray) -> None:
@@ -246,7 +247,7 @@ def test_what_no_log_shows_has_an_infinite_error() -> None:
 
 def test_nothing_can_change_where_nothing_is_tried() -> None:
     (history,) = fleet(np.random.default_rng(7), 1, 8)
-    none = LikelihoodRatios.of(history, (), PARTS, np.array([STEP]), 50.0)
+    none = LikelihoodRatios.of(history, (), PARTS, np.array([STEP]))
     assert none.clearest_change([], NullDraws(np.random.default_rng(8), 200)) == (None, 1.0)
 
 

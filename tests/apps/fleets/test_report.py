@@ -21,7 +21,6 @@ from dynident.apps.fleets import (
     trend_figure,
 )
 from dynident.apps.fleets.changes_report import RobotTrends, change_words
-from dynident.apps.fleets.components import VarianceComponents
 from dynident.apps.fleets.figures import MAX_POINTS, MAX_SMALL_POINTS
 from dynident.apps.fleets.report import fleet_findings, fleet_heading, fleet_page, fleet_tables
 from dynident.models import Joint
@@ -166,7 +165,7 @@ def test_intervals_count_the_scatter_and_what_a_log_does_not_show_has_none():
     information = one.information.copy()
     information[2, 5] = information[2, :, 5] = 0.0
     covariance = np.diag((3 * STD) ** 2)
-    scatter = Scatter(VarianceComponents(tuple(np.arange(SIZE)[:, None]), covariance, 4.0), 50.0)
+    scatter = Scatter(tuple(np.arange(SIZE)[:, None]), covariance, 4.0, 50.0)
     std = RobotTrends(replace(one, information=information), (), scatter).group_trends(OFFSET)[0].std
     np.testing.assert_allclose(std, np.where(np.arange(6) == 2, np.inf, np.sqrt(4.0 + 9.0) * STD[5]), rtol=1e-8)
 

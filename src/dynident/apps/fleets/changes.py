@@ -135,7 +135,7 @@ def changes_of(
 ) -> tuple[tuple[Change, ...], float]:
     """Return the changes of one robot, the clearest first, and the p-value of the clearest, found or not."""
     shapes, courses = _candidate_courses(history.days)
-    ratios = LikelihoodRatios.of(history, groups, scatter.variances, courses, scatter.dof)
+    ratios = LikelihoodRatios.of(history, groups, scatter, courses)
     selected, p_values = list[tuple[int, int]](), list[float]()
     # forward selection: each change is taken into account before the next is sought
     while True:
@@ -229,7 +229,7 @@ def _standardised_errors(history: History, scatter: Scatter, changes: Sequence[C
     ]
     courses = np.array([course(history.days, change.shape, change.index) for change in lasting]).reshape(-1, k)
     groups = [change.group for change in lasting]
-    ratios = LikelihoodRatios.of(history, groups, scatter.variances, courses, scatter.dof)
+    ratios = LikelihoodRatios.of(history, groups, scatter, courses)
     return ratios.standardised_errors([(j, j) for j in range(len(lasting))])
 
 

@@ -136,7 +136,7 @@ def variance_components(
     With ``inflate`` the factor s^2 >= 1 is estimated, too. With ``avoid_zero`` no variance is zero by chance:
     each is as if one more vector had shown it (Chung et al., 2013). Blocks that nothing shows are zero.
     """
-    current = start or _initial_components(sets, tuple(blocks))
+    current: VarianceComponents = start or _initial_components(sets, tuple(blocks))
     for _ in range(MAX_ITERATIONS):
         # one set has no robots to bound, so that its single vectors are weighted instead
         solutions = [
@@ -260,29 +260,18 @@ def _initial_components(sets: Sequence[WhitenedVectors], blocks: tuple[Parameter
     return VarianceComponents(blocks, np.diag(variance))
 
 
-class Scatter(Noun):
-    """The scatter from log to log: covariance (b, b), and the factor s^2 on the covariances of the estimates.
+class Scatter(VarianceComponents):
+    """The scatter from log to log, with the factor s^2 by which the covariances of the estimates are too small.
 
     ``dof`` says how many logs it rests on, less what was estimated from them.
     """
 
-    variances: VarianceComponents
-    dof: float
-
-    @property
-    def covariance(self) -> Array:
-        """The covariance (b, b) of the parameters from log to log, beyond their standard errors."""
-        return self.variances.covariance
-
-    @property
-    def inflation(self) -> float:
-        """By how much standard errors are too small, as model errors make them: s."""
-        return float(np.sqrt(self.variances.inflation))
+    dof: float = 0.0
 
     def with_scatter(self, information: Array) -> Array:
         """Return what a log says of the robot (b, b), not of the day: the inverse of its covariance and the scatter."""
         G = whiten(np.zeros((1, len(information))), information[None]).factor[0]
-        covariance = self.variances.inflation * np.eye(len(G)) + G @ self.variances.covariance @ G.T
+        covariance = self.inflation * np.eye(len(G)) + G @ self.covariance @ G.T
         return np.asarray(G.T @ np.linalg.solve(covariance, G))
 
 
@@ -327,9 +316,8 @@ def scatter_of(
     # a single vector tells nothing of the scatter about its mean
     sets = [vectors for vectors in sets if len(vectors.value) > 1]
     if not sets:
-        return Scatter(VarianceComponents(blocks, np.zeros((b, b))), 0.0)
-    variances = None if start is None else start.variances
-    return Scatter(variance_components(sets, blocks, inflate=True, start=variances), dof)
+        return Scatter(blocks, np.zeros((b, b)))
+    return Scatter(**vars(variance_components(sets, blocks, inflate=True, start=start)), dof=dof)
 
 
 def _runs_with_one_mean(logs: int, in_runs: bool) -> list[slice]:

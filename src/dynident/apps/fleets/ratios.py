@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps.fleets.components import History, VarianceComponents, pseudo_inverse, whiten
+from dynident.apps.fleets.components import History, Scatter, pseudo_inverse, whiten
 from dynident.regression import ParameterGroup
 from dynident.runtime import Noun
 from dynident.runtime.arrays import Array
@@ -49,19 +49,14 @@ class LikelihoodRatios(Noun):
 
     @classmethod
     def of(
-        cls,
-        history: History,
-        groups: Sequence[ParameterGroup],
-        variances: VarianceComponents,
-        courses: Array,
-        dof: float,
+        cls, history: History, groups: Sequence[ParameterGroup], scatter: Scatter, courses: Array
     ) -> LikelihoodRatios:
         """Return those of a robot's logs with the scatter of its fleet."""
         vectors = whiten(history.value, history.information)
         b = history.value.shape[1]
         # whiten the rows by the scatter of the fleet and the inflated errors
         L = np.linalg.cholesky(
-            variances.inflation * np.eye(b) + vectors.factor @ variances.covariance @ vectors.factor.swapaxes(1, 2)
+            scatter.inflation * np.eye(b) + vectors.factor @ scatter.covariance @ vectors.factor.swapaxes(1, 2)
         )
         rows, value = np.linalg.solve(L, vectors.factor), np.linalg.solve(L, vectors.value[:, :, None])[:, :, 0]
         ends = np.cumsum([0, *(group.directions.shape[1] for group in groups)])
@@ -71,7 +66,7 @@ class LikelihoodRatios(Noun):
         columns, magnitudes = rows @ directions, np.abs(rows) @ np.abs(directions)
         size, largest = (np.linalg.norm(x, axis=(0, 1)) for x in (columns, magnitudes))
         columns[:, :, size <= MIN_COLUMN_SHARE * largest] = 0.0
-        return cls(rows, value, columns, group_slices, courses, _row_rotations(rows), dof)
+        return cls(rows, value, columns, group_slices, courses, _row_rotations(rows), scatter.dof)
 
     def clearest_change(self, selected: Sequence[Candidate], draws: NullDraws) -> tuple[Candidate | None, float]:
         """Return the change with the least tail probability beside the selected ones, and its p-value among all

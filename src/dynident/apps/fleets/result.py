@@ -94,7 +94,7 @@ def pool_robots(
 def baseline(history: History, scatter: Scatter, changes: Sequence[Change] = ()) -> tuple[Array, Array]:
     """Return the base parameters (b) of a robot before its changes from all its logs, and their information (b, b)."""
     b = history.value.shape[1]
-    solution = solve_gls(whiten(history.value, history.information, design(history, changes)), scatter.variances)
+    solution = solve_gls(whiten(history.value, history.information, design(history, changes)), scatter)
     # the first b columns of the design are the parameters before all changes
     return solution.value[:b], pseudo_inverse(solution.covariance[:b, :b])
 

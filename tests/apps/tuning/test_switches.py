@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.apps.tuning.switches import Offers, Switches, _basis, kind_of
+from dynident.apps.tuning.switches import Offers, Switches, _basis
 from dynident.identification import Recipe, identify
 from dynident.identification.terms.samples import columns_of
 from dynident.models import CoupledMotor, Model, RigidBodies, Term
 from dynident.models.friction import Coulomb, Offset, Stribeck, Viscous
 from dynident.motion.smoothers import Spline
 from dynident.runtime import ModelError
+from dynident.runtime.families import TERMS
 from tests.apps.tuning.arms import BODIES, JOINTS, MODEL, THETA, recording
 
 MOTOR = CoupledMotor(BODIES.joints, {"shoulder": 1.0, "twist": -1.0}, name="m")
@@ -69,7 +70,7 @@ def test_sizes_are_those_that_explain_what_is_left() -> None:
     assert 0.1 < float(term.constant("velocity", "twist")) < 0.25
     assert term.acts_on == ("twist",)
     assert {"viscous", "dahl", "load_coulomb", "spring", "power"} <= kinds.keys()
-    assert all(kind_of(one) == kind for kind, some in kinds.items() for one in some)
+    assert all(TERMS.kind_of(one) == kind for kind, some in kinds.items() for one in some)
     # what the model has already gains nothing, whatever rounding leaves of its columns
     rows = offers.samples.keep[:, 2]
     own = columns_of(offers.samples, Viscous(BODIES.joints, on=("twist",)), 2, offers.loads)[:, rows]
@@ -81,8 +82,3 @@ def test_a_joint_of_which_nothing_is_fitted_has_offers_too() -> None:
     found = identify(MODEL, [recording(1)], recipe=Recipe(Spline(), unfitted=("rail",)))
     offers = Offers.of(found.model, found.estimate.value, [found.validations[0].motion])
     assert "stribeck" in dict(offers.kinds_of_joint(1))
-
-
-def test_kinds_are_named_as_a_configuration_lists_them() -> None:
-    assert kind_of(Viscous(BODIES.joints)) == "viscous"
-    assert kind_of(BODIES) == "RigidBodies"

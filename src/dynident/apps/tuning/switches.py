@@ -24,6 +24,7 @@ from dynident.motion.smoothers import Spline, position_noise, smooth_log, strip_
 from dynident.motion.splines import Constraint, stretches
 from dynident.runtime import ModelError, Noun, join_names
 from dynident.runtime.arrays import Array
+from dynident.runtime.families import TERMS
 
 LEAST_SQUARES, CONSISTENT = "least_squares", "consistent"
 MAX_SAMPLES = 3000  # on which sizes are compared
@@ -166,22 +167,6 @@ def _basis(rows: Array) -> Array:
     return U[:, s > 1e-8 * s.max(initial=0.0)]
 
 
-def kind_of(term: Term) -> str:
-    """Return the kind of a term: the name by which a configuration lists it, for others that of its class."""
-    return _NAMES.get(type(term), type(term).__name__)
-
-
-def _names() -> dict[type, str]:
-    joint = Joint("joint")
-    return {
-        type(kind.sizes(JointExcitation((joint,), joint, 1.0, 1.0, MIN_DRIFT_DURATION))[0]): kind.name
-        for kind in library_kinds()
-    }
-
-
-_NAMES = _names()
-
-
 @dataclass(frozen=True, eq=False)
 class Switches:
     """The switchable terms of a ``model``: for each of its joints the terms on it alone, by kind.
@@ -254,5 +239,6 @@ def _own_terms(model: Model, joint: str) -> dict[str, tuple[Term, ...]]:
     by_kind: dict[str, tuple[Term, ...]] = {}
     for term in model.terms:
         if isinstance(term, JointTerm) and joint in term.acts_on:
-            by_kind[kind_of(term)] = (*by_kind.get(kind_of(term), ()), term.for_joint(joint))
+            kind = TERMS.kind_of(term).rpartition(":")[2]  # a class of the user goes by its name
+            by_kind[kind] = (*by_kind.get(kind, ()), term.for_joint(joint))
     return by_kind

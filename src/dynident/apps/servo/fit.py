@@ -53,7 +53,6 @@ class ServoFit(Noun):
     residuals: Array
     sensitivity: Array
     scale: Array
-    iterations: int
     converged: bool
     undetermined: tuple[tuple[Entry, ...], ...]
     vanished: tuple[Entry, ...] = ()
@@ -139,10 +138,9 @@ def fit_values(
         raise ModelError(
             "the simulation of the servos diverges: look at `kp` and `limit`, and at the file's time step and masses."
         )
-    damping, iteration, is_current = 1e-5, 0, True
+    damping, is_current = 1e-5, True
     slopes = sensitivity(plant, motions, values, entries, base)
-    while iteration < MAX_ITERATIONS:
-        iteration += 1
+    for iteration in range(1, MAX_ITERATIONS + 1):
         scale = joint_scale(base)
         report_progress(f"simulating the servos, step {iteration}: {1e3 * np.sqrt((base**2).mean()):.3g} mrad")
         information, gradient = _normal_equations(slopes, base, scale)
@@ -170,7 +168,7 @@ def fit_values(
             break
         if decrease > MIN_DECREASE or np.abs(step).max() > MAX_CHORD_STEP:
             slopes, is_current = sensitivity(plant, motions, values, entries, base), True
-    return summarise(values, entries, base, slopes, motions, iteration)
+    return summarise(values, entries, base, slopes, motions)
 
 
 def joint_scale(base: Array) -> Array:
@@ -186,9 +184,8 @@ def _normal_equations(slopes: Array, base: Array, scale: Array) -> tuple[Array, 
 
 
 def summarise(
-    values: ServoValues, entries: tuple[Entry, ...], base: Array, slopes: Array, motions: Sequence[SmoothLog],
-    iterations: int,
-) -> ServoFit:  # fmt: skip
+    values: ServoValues, entries: tuple[Entry, ...], base: Array, slopes: Array, motions: Sequence[SmoothLog]
+) -> ServoFit:
     """Return the fit at values, with its covariance: a sandwich, of scores that are correlated over time."""
     scale = joint_scale(base)
     information, gradient = _normal_equations(slopes, base, scale)
@@ -212,7 +209,7 @@ def summarise(
     vanished = [e.quantity.positive and bool(x <= -1) for e, x in zip(entries, remaining, strict=True)]
     distance = np.where(vanished, 0.0, np.abs(remaining) / np.sqrt(np.maximum(np.diag(covariance), 1e-300)))
     return ServoFit(
-        values, entries, covariance, base, slopes, scale, iterations, bool(distance.max(initial=0.0) < MAX_REMAINING),
+        values, entries, covariance, base, slopes, scale, bool(distance.max(initial=0.0) < MAX_REMAINING),
         undetermined, tuple(e for e, is_zero in zip(entries, vanished, strict=True) if is_zero),
     )  # fmt: skip
 

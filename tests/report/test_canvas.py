@@ -51,8 +51,8 @@ def seen(colour: str, sight: str) -> np.ndarray:
 def schemes() -> tuple[dict[str, str], dict[str, str]]:
     """The colours of the page by name, light and dark."""
     text = files("dynident.report").joinpath("templates", "page.css").read_text()
-    light, dark = re.findall(r":root \{([^}]*)\}", text)[:2]
-    return dict(re.findall(r"--(\w+): (#\w{6})", light)), dict(re.findall(r"--(\w+): (#\w{6})", dark))
+    found = re.findall(r"--(\w+): light-dark\((#\w{6}), (#\w{6})\)", text)
+    return {name: light for name, light, _ in found}, {name: dark for name, _, dark in found}
 
 
 def on_dark(colour: str) -> str:

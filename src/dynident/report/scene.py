@@ -183,10 +183,10 @@ class Ellipsoid(Noun):
         return np.asarray(self.centre + (points * half) @ self.axes.T)
 
 
-def surface(outline: Outline, name: str, colour: str, opacity: float = 1.0, **more: Any) -> MovingTrace:
+def surface(outline: Outline, name: str, colour: str, **more: Any) -> MovingTrace:
     """Return the surface of a body as a trace that moves with it."""
     body = np.full(len(outline.mesh.vertices), outline.body, dtype=np.intp)
-    return MovingTrace(solid(name, outline.mesh, colour, opacity, **more), outline.mesh.vertices, body)
+    return MovingTrace(solid(name, outline.mesh, colour, **more), outline.mesh.vertices, body)
 
 
 def lighten_colour(colour: str) -> str:

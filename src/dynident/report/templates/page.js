@@ -10,7 +10,7 @@
     packed.replaceWith(script);
   })();
   const [GREY, INK] = ["#7d7d7d", "#111111"]; // of curves on any paper, and on white
-  const ink = () => getComputedStyle(document.documentElement).getPropertyValue("--ink").trim();
+  const ink = () => getComputedStyle(document.body).color;
   const shown = (box) => box.offsetParent !== null;
 
   // On a phone: smaller letters, titles of axes in several lines, and room for a legend that needs them, too.

@@ -12,14 +12,12 @@ const PAPER = 660; // px of a page of paper, A4 or letter, with its margins
     const { paddingLeft, paddingRight } = getComputedStyle(box);
     return box.clientWidth - parseFloat(paddingLeft) - parseFloat(paddingRight);
   };
-  const text = (cell) => {
+  const plain = (cell) => {
     if (cell.dataset.value) return cell.dataset.value; // a number with a power of ten
     const copy = cell.cloneNode(true);
     copy.querySelectorAll("math[alttext]").forEach((formula) => formula.replaceWith(formula.getAttribute("alttext")));
-    copy.querySelectorAll("sup").forEach((power) => power.replaceWith(`^${power.textContent}`));
-    return copy.textContent.trim();
+    return copy.textContent.trim().replace(/\u2212/g, "-").replace(/\s+/g, " ");
   };
-  const plain = (cell) => cell.dataset.value ?? text(cell).replace(/\u2212/g, "-").replace(/\s+/g, " ");
 
   // By value: what is missing comes last, numbers come before words; digits within words count as numbers.
   const words = new Intl.Collator(undefined, { numeric: true });
@@ -54,7 +52,7 @@ const PAPER = 660; // px of a page of paper, A4 or letter, with its margins
       this.heads = [...titles.cells];
       this.groups = this.heads.map(() => "");
       let k = 0;
-      for (const cell of groups?.cells ?? []) for (let i = 0; i < cell.colSpan; i++) this.groups[k++] = text(cell);
+      for (const cell of groups?.cells ?? []) for (let i = 0; i < cell.colSpan; i++) this.groups[k++] = plain(cell);
       this.body = this.table.tBodies[0];
       this.rows = [...this.body.rows];
       this.order = this.rows;
@@ -95,7 +93,7 @@ const PAPER = 660; // px of a page of paper, A4 or letter, with its margins
 
     sortable() {
       this.heads.forEach((head, k) => {
-        if (!text(head)) return;
+        if (!plain(head)) return;
         const button = Object.assign(document.createElement("button"), { type: "button", className: "sort" });
         button.dataset.column = k;
         button.append(...head.childNodes);

@@ -10,13 +10,7 @@ import pytest
 from dynident.checks.explain import explain_residual
 from dynident.checks.misfit import Misfit, misfit
 from dynident.checks.robot_notes import SuspectQuantity, TorqueGain
-from dynident.checks.suspects import (
-    Suspect,
-    SuspectEstimate,
-    clock_suspect,
-    gear_suspects,
-    is_beyond_own_effects,
-)
+from dynident.checks.suspects import Suspect, SuspectEstimate, clock_suspect, gear_suspects, is_beyond_own_effects
 from dynident.motion.log import Motion
 from tests.checks.moving_arm import arm, case, motion
 

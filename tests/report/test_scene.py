@@ -7,7 +7,7 @@ import numpy as np
 
 from dynident.models import Mesh, Solid, solid_surface
 from dynident.models.robot_files import ShapeKind
-from dynident.report import (
+from dynident.report.scene import (
     Ellipsoid,
     Layer,
     MovingTrace,

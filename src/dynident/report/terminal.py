@@ -14,16 +14,9 @@ from rich.cells import cell_len, set_cell_size
 from rich.text import Text
 
 from dynident.report.check import check_summary, check_tables
-from dynident.report.identification import (
-    error_figure,
-    has_nominal_values,
-    interval_figure,
-    motion_figure,
-    run_figure,
-    torque_figure,
-)
+from dynident.report.identification.figures import error_figure, motion_figure, run_figure, torque_figure
 from dynident.report.identification.head import error_lines
-from dynident.report.identification.parameters import terminal_parameters
+from dynident.report.identification.parameters import parameter_figure, terminal_parameters
 from dynident.report.identification.report import verdict_text
 from dynident.report.identification.validation import error_table
 from dynident.report.page import Column, PageTable
@@ -291,10 +284,8 @@ class Plot:
 
     def parameters(self) -> go.Figure:
         """Draw the 95 % interval of each parameter, in % of its value."""
-        estimate, model = self.identification.estimate, self.identification.model
-        true_values = () if has_nominal_values(model) else [parameter.value for parameter in model.parameters]
-        std = self.identification.errors.std
-        return interval_figure(estimate.names, estimate.units, estimate.value, std, true_values).figure()
+        rows = list(range(len(self.identification.estimate.names)))
+        return parameter_figure(self.identification, rows).figure.figure()
 
     def _select(self, log: str | None, joint: str | None) -> tuple[LogValidation, Joint]:
         logs = {validation.name: validation for validation in self.identification.validations}

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dynident.estimators import Pieces
-from dynident.report.identification import pieces_figure
+from dynident.report.identification.figures import pieces_figure
 
 
 def pieces(length: float, names: tuple[str, ...] = ("day",) * 4) -> Pieces:

@@ -11,7 +11,8 @@ from dynident.identification import Calibration
 from dynident.identification.terms import TermChoice, TermTrial, TrialOutcome
 from dynident.models import Joint
 from dynident.models.friction import Coulomb, Offset, Viscous
-from dynident.report.identification import identification_page, identification_tables, trial_figure
+from dynident.report.identification import identification_page, identification_tables
+from dynident.report.identification.figures import trial_figure
 from dynident.report.identification.terms import OUTCOMES, choice_comments, term_section, term_table
 from tests.report.test_page import EVIL
 

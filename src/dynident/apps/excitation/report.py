@@ -30,16 +30,7 @@ from dynident.identification import versions
 from dynident.models import Box, Floor, Geometry, Mesh, Obstacle, ShapeSource, Solid, outlines, solid_surface
 from dynident.models.robot_files import ShapeKind
 from dynident.regression import UnexcitedParameters
-from dynident.report import (
-    METAL,
-    STILL,
-    Replay,
-    path_trace,
-    root_surface,
-    scene_figure,
-    solid,
-    surface,
-)
+from dynident.report import METAL, STILL, Replay, path_trace, root_surface, scene_figure, solid, surface
 from dynident.report.identification.parameters import missing_mesh_notes
 from dynident.report.page import (
     UNIT,

@@ -95,7 +95,7 @@ def parameter_section(identification: Identification) -> PageSection:
     groups = {name: rows for name, rows in groups.items() if rows}
     if len(determined) <= MAX_ONE_FIGURE:
         groups = {"all": list(determined)} if determined else {}
-    views = tuple(((group,), (_interval_figure(identification, rows),)) for group, rows in groups.items())
+    views = tuple(((group,), (parameter_figure(identification, rows),)) for group, rows in groups.items())
     return PageSection("Parameters", (*blocks, *((Gallery(("group",), views),) if views else ())))
 
 
@@ -162,7 +162,8 @@ def _group_name(parameter: Parameter) -> str:
     return FRICTION.get(role, "offsets and others" if parameter.unit in ("N m", "N") else "others")
 
 
-def _interval_figure(identification: Identification, rows: list[int]) -> Figure:
+def parameter_figure(identification: Identification, rows: list[int]) -> Figure:
+    """Return the intervals of the parameters at ``rows``, with their true values where these are known."""
     estimate, model = identification.estimate, identification.model
     names, units = ([texts[k] for k in rows] for texts in (estimate.names, estimate.units))
     true_values = () if has_nominal_values(model) else [model.parameters[k].value for k in rows]

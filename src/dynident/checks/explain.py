@@ -93,16 +93,18 @@ def _measured_delays(
     The time differences are narrow at first, and widened for the value of a delay that explains something then:
     slow errors of a model look like delays over long times, too.
     """
-    step = max(float(np.median(np.diff(motion.t))) for motion in motions)
-    fit = misfit(_shifted_case(model, motions, rows, min_speed, 0.0))
+    pairs = [(motion, indices) for motion, indices in zip(motions, rows, strict=True) if len(indices) > 1]
+
+    def shifted_case(time_offset: float) -> FitCase:
+        return measured_case(model, [motion.shift(time_offset, indices) for motion, indices in pairs], min_speed)
+
+    step, fit = max(float(np.median(np.diff(motion.t))) for motion in motions), misfit(shifted_case(0.0))
     half_width, next_half_width = 0.0, max(MIN_HALF_WIDTH, step)
     shares: list[Array] = []
     # a difference is valid only for delays within its width: widen it until the largest delay fits
     while half_width < next_half_width:
         half_width = next_half_width
-        torque_after, torque_before = (
-            _shifted_case(model, motions, rows, min_speed, side * half_width).torque(fit.theta) for side in (1.0, -1.0)
-        )
+        torque_after, torque_before = (shifted_case(side).torque(fit.theta) for side in (half_width, -half_width))
         estimates = _estimate_delays(fit, (torque_after - torque_before) / (2 * half_width))
         shares.append(estimates[2])
         longest = float(np.abs(estimates[0][shares[0] > MIN_DELAY_SHARE]).max(initial=0.0))
@@ -110,20 +112,6 @@ def _measured_delays(
             min(WIDTH_PER_DELAY * longest, MAX_DELAY) if longest > MAX_DELAY_PER_WIDTH * half_width else half_width
         )
     return estimates[0], estimates[1], shares[0]
-
-
-def _shifted_case(
-    model: Model,
-    motions: Sequence[Motion],
-    rows: Sequence[NDArray[np.intp]],
-    min_speed: tuple[float, ...] | None,
-    time_offset: float,
-) -> FitCase:
-    """Return the case of the motions, not low-passed, shifted by ``time_offset`` (s) relative to their torque."""
-    shifted_motions = [
-        motion.shift(time_offset, indices) for motion, indices in zip(motions, rows, strict=True) if len(indices) > 1
-    ]
-    return measured_case(model, shifted_motions, min_speed)
 
 
 def _estimate_delays(fit: Misfit, rate: Array) -> tuple[Array, Array, Array]:

@@ -160,15 +160,15 @@ def steady_mask(motion: Motion, margin: float) -> NDArray[np.bool_]:
 
 def _white_noise_ratio(motion: Motion, cutoff: float) -> float:
     """Return the energy of white noise that passes the low-pass, relative to that in the octave above it."""
-    low, high = _frequency_response(motion, cutoff), _frequency_response(motion, 2.0 * cutoff)
+
+    def response(cutoff: float) -> Array:
+        """Return that of the low-pass, which has no phase, from zero to half the sampling rate."""
+        low = _low_pass_filter(motion, cutoff)
+        return np.ones(512) if low is None else np.asarray(np.abs(frequency_response(low.sections(motion), 512)) ** 2)
+
+    low, high = response(cutoff), response(2.0 * cutoff)
     octave = float(np.square(high - low).sum())
     return float(np.square(low).sum()) / octave if octave > 0 else 0.0
-
-
-def _frequency_response(motion: Motion, cutoff: float) -> Array:
-    """Return the frequency response of ``_low_pass``, which has no phase, from zero to half the sampling rate."""
-    low = _low_pass_filter(motion, cutoff)
-    return np.ones(512) if low is None else np.asarray(np.abs(frequency_response(low.sections(motion), 512)) ** 2)
 
 
 def _low_pass(motion: Motion, cutoff: float, channels: Sequence[str] = ("q", "dq", "ddq", "tau")) -> Motion:

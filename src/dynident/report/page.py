@@ -33,8 +33,8 @@ SUPERSCRIPTS = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u207
 MINUS, HARD = "\u2212", "\u00a0"
 UNITS = re.compile(r"\b(N|kg|m|mm|rad|s|Hz)\^(-?\d+)\b(?!\.\d)")
 POWER = re.compile(r"(?<![\w.])(-?\d+(?:\.\d+)?)e([-+]?\d+)(?![\w.]\w|\w)")
-# in a sentence, where a name may hold 1e5
 MAX_FORMULA_LENGTH = 30  # signs of a formula in a table
+# in a sentence, where a name may hold 1e5
 SENTENCE_POWER = re.compile(r"(?<![\w.])([-\u2212]?\d+\.\d+(?=e)|[-\u2212]?\d+(?=e[-+]))e([-+]?\d+)(?!\.?\w)")
 
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 
 from dynident.identification import Identification
 from dynident.report.words import ROLES
 from dynident.runtime import join_names, number
-from dynident.validation import FloorOrigin, LogValidation
+from dynident.validation import FloorOrigin, FreeRun, LogValidation
 
 MAX_LISTED = 3  # logs in a line
+Part = TypeVar("Part", LogValidation, FreeRun)
 
 
 def head_numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
@@ -49,8 +50,8 @@ def head_numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
 def worst_joint(identification: Identification) -> tuple[LogValidation, str] | None:
     """Return the joint with the largest relative error and its log, a held-out one where there is any."""
     logs = identification.of_role("validation") or identification.of_role("train")
-    worst = _largest([((log, joint), size) for log in logs for joint, size in _joint_errors(log).items()])
-    return None if worst is None else worst[0]
+    worst = _worst(logs, _joint_errors)
+    return None if worst is None else worst[:2]
 
 
 def _floor_ratio(log: LogValidation) -> Iterator[tuple[str, ...]]:
@@ -78,33 +79,29 @@ def _simulation_error(identification: Identification) -> tuple[str, ...]:
     title = "position error, free simulation"
     if failed := [run for run in identification.runs if run.failure]:
         return "fails", title, f"{failed[0].name}: {failed[0].failure}"
-    errors = [((run, joint), size) for run in identification.runs for joint, size in run.motion_error.items()]
-    worst = _largest(errors)
-    if worst is None:
+    if (worst := _worst(identification.runs, lambda run: run.motion_error)) is None:
         return "-", title, "nothing moved"
-    (run, joint), size = worst
+    run, joint, size = worst
     how = "in the controller's loop" if run.restart is None else f"within {run.restart:g} s of the measured torque"
     return f"{number(size, 2)} %", title, f"of the motion of {joint} ({run.name}), {how}"
 
 
 def _effort_share(identification: Identification, logs: Sequence[LogValidation], role_word: str) -> tuple[str, ...]:
     """Return the largest rms error in % of the joint's effort limit, or in its unit where no limit is known."""
-    worst = _largest([((log, joint), size) for log in logs for joint, size in log.errors.effort_share.items()])
-    if worst is not None:
-        (log, joint), size = worst
+    if (worst := _worst(logs, lambda log: log.errors.effort_share)) is not None:
+        log, joint, size = worst
         note = f"{joint}: {_rms(identification, log, joint)} of {number(identification.model.limits[joint].effort, 3)}"
         return f"{number(size, 2)} %", f"rms of effort limit, {role_word}", note
-    worst = _largest([((log, joint), size) for log in logs for joint, size in log.errors.rmse.items()])
-    if worst is None:
+    if (worst := _worst(logs, lambda log: log.errors.rmse)) is None:
         return "-", f"largest rms error, {role_word}"
-    (log, joint), _ = worst
+    log, joint, _ = worst
     return _rms(identification, log, joint), f"largest rms error, {role_word}", f"{joint}, {log.name}"
 
 
-def _largest(sizes: list[tuple[Any, float]]) -> tuple[Any, float] | None:
-    """Return the entry with the largest size, and the size; None where there is none."""
-    finite = [pair for pair in sizes if not np.isnan(pair[1])]
-    return max(finite, key=lambda pair: pair[1]) if finite else None
+def _worst(parts: Iterable[Part], sizes: Callable[[Part], Mapping[str, float]]) -> tuple[Part, str, float] | None:
+    """Return the log or run and the joint with the largest of their sizes, and that; None where there is none."""
+    entries = [(part, joint, size) for part in parts for joint, size in sizes(part).items() if not np.isnan(size)]
+    return max(entries, key=lambda entry: entry[2], default=None)
 
 
 def _rms(identification: Identification, log: LogValidation, joint: str) -> str:

@@ -9,8 +9,11 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, TypeAdapter, ValidationInfo, WrapValidator, model_validator
 from pydantic_core import PydanticCustomError
 
+from dynident.estimators import LeastSquares
 from dynident.files.tables import recording_name
+from dynident.files.xml_text import SUFFIXES
 from dynident.models import Joint
+from dynident.motion.smoothers import Spline
 from dynident.project.drive_settings import LoopSettings, ServoSettings, Simulation, check_loop
 from dynident.project.fields import (
     POSITIONS,
@@ -147,18 +150,6 @@ class FilterSettings(Section):
     order: Order = 4
 
 
-def _default_smoother() -> Any:
-    from dynident.motion.smoothers import Spline
-
-    return Spline.Settings(rule="torque")
-
-
-def _default_estimator() -> Any:
-    from dynident.estimators import LeastSquares
-
-    return LeastSquares()
-
-
 def _read_model(value: object, _: Any, info: ValidationInfo) -> str | RobotSettings:
     if isinstance(value, Mapping):
         return RobotSettings.model_validate(value, context=info.context)
@@ -170,8 +161,6 @@ def _read_model(value: object, _: Any, info: ValidationInfo) -> str | RobotSetti
 
 def robot_settings(name: str, context: Mapping[str, Any] | None = None) -> RobotSettings | None:
     """Return the settings that the name of a robot file stands for, None where it is no such name."""
-    from dynident.files.xml_text import SUFFIXES
-
     if Path(name).suffix.lower() not in SUFFIXES:
         return None
     return RobotSettings.model_validate({"file": name}, context=context)
@@ -195,8 +184,8 @@ class Config(Section):
     validation: tuple[LogSpec, ...] = ()
     gaps: Literal["error", "split"] = "error"
     close_stamps: Literal["error", "drop", "keep"] = "error"
-    smoother: Annotated[Any, PartReader(SMOOTHERS)] = Field(default_factory=_default_smoother)
-    estimator: Annotated[Any, PartReader(ESTIMATORS)] = Field(default_factory=_default_estimator)
+    smoother: Annotated[Any, PartReader(SMOOTHERS)] = Field(default_factory=lambda: Spline.Settings(rule="torque"))
+    estimator: Annotated[Any, PartReader(ESTIMATORS)] = Field(default_factory=LeastSquares)
     filter: FilterSettings | None = None
     min_speed: PositiveOrEach = None
     unfitted: tuple[Name, ...] = ()

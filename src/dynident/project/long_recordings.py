@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from dynident._version import __version__
 from dynident.checks import MAX_GAP_STEPS, MINIMUM_SAMPLES
+from dynident.files.opener import file_stamp
 from dynident.files.parquet import count_rows, read_rows
 from dynident.files.row_store import RowStore
 from dynident.files.tables import DAY, PARQUET, DataTable, join_tables, recording_parts
@@ -285,17 +286,12 @@ def pieces_name(preparation: PiecePlan, recordings: Sequence[LongLog]) -> str:
         "repeated with": [preparation.reducer.theta.tolist(), preparation.reducer.noise_share],
         "spans": [vars(part) for part in preparation.spans],
         "channels": [part.config.model_dump(mode="json", exclude={"train"}) for part in recordings],
-        "files": [[str(path), *_size_and_mtime(path)] for part in recordings for path in part.files],
+        "files": [file_stamp(str(path), path.parent) + str(path) for part in recordings for path in part.files],
     }
     if (choice := preparation.identification.calibration.terms) is not None:
         identity["terms"] = [TERMS.describe(part) for part in choice.terms]
     text = json.dumps(identity, default=str, sort_keys=True)
     return f"pieces-{sha256(text.encode()).hexdigest()[:12]}.parquet"
-
-
-def _size_and_mtime(path: Path) -> tuple[int, int]:
-    stat = path.stat()
-    return stat.st_size, stat.st_mtime_ns
 
 
 def reduce_pieces(
@@ -322,7 +318,7 @@ def reduce_pieces(
             raise InputError(_failure_text(preparation, failures, table))
         rows = store.table().sort("piece").select("begins", "ends", *ARRAYS).iter_rows()
         return [
-            PieceFactors(begins, ends, _from_bytes(count), factors, (_from_bytes(repeated), once, twice))
+            PieceFactors(begins, ends, tuple(count), factors, (tuple(repeated), once, twice))
             for begins, ends, count, factors, repeated, once, twice in rows
         ]
 
@@ -339,19 +335,10 @@ def _piece_schema() -> dict[str, Any]:
     import polars as pl
 
     numbers = {"piece": pl.Int64, "begins": pl.Float64, "ends": pl.Float64, "seconds": pl.Float64}
-    return {**numbers, **dict.fromkeys(ARRAYS, pl.Binary)}
+    counts = dict.fromkeys(("rows", "repeated_rows"), pl.List(pl.Int64))
+    return {**numbers, **dict.fromkeys(ARRAYS, pl.Binary), **counts}
 
 
 def _piece_row(piece: int, value: PieceFactors, seconds: float) -> Mapping[str, Any]:
     times = {"begins": value.begins, "ends": value.ends, "seconds": seconds}
-    count, once, twice = value.repetition
-    arrays = _to_bytes(value.rows), value.factors, _to_bytes(count), once, twice
-    return {"piece": piece, **times, **dict(zip(ARRAYS, arrays, strict=True))}
-
-
-def _to_bytes(rows: tuple[int, ...]) -> bytes:
-    return np.array(rows, dtype=np.int64).tobytes()
-
-
-def _from_bytes(content: bytes) -> tuple[int, ...]:
-    return tuple(np.frombuffer(content, dtype=np.int64).tolist())
+    return {"piece": piece, **times, **dict(zip(ARRAYS, (value.rows, value.factors, *value.repetition), strict=True))}

@@ -18,7 +18,6 @@ from dynident.project.export import (
     Yaml,
     export,
     identified_urdf,
-    identified_yaml,
     prove,
     random_states,
     spread,
@@ -103,7 +102,7 @@ def test_random_states_are_those_of_their_generator():
 
 def test_yaml_lists_every_parameter():
     one = replace(arm(), std=np.r_[np.inf, np.ones(len(arm().value) - 1)], verdict=("data",) * len(arm().value))
-    data = yaml.safe_load(identified_yaml(one).text)
+    data = yaml.safe_load(Yaml().write(one).text)
     assert [row["name"] for row in data["parameters"]] == list(one.model.names)
     first = data["parameters"][0]
     assert first["std"] is None

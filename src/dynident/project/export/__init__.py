@@ -1,6 +1,6 @@
 """The identified model as files for other programs."""
 
-from dynident.project.export.formats import Mjcf, Numpy, PinocchioArm, Urdf, Yaml, identified_yaml
+from dynident.project.export.formats import Mjcf, Numpy, PinocchioArm, Urdf, Yaml
 from dynident.project.export.identified import IdentifiedModel, Servo
 from dynident.project.export.numpy_module import identified_module
 from dynident.project.export.proof import export, export_files, exports, prove, random_states, relocate_urdf, spread

@@ -33,19 +33,6 @@ SHAPE_TAGS = (
 )  # fmt: skip
 
 
-def identified_yaml(identified: IdentifiedModel) -> ExportText:
-    """Return all parameters as YAML; it can hold any values."""
-    model = identified.model
-    joints = [{"name": joint.name, "kind": joint.kind, "unit": joint.unit} for joint in model.joints]
-    data: dict[str, Any] = {"model": model.name, "frames": FRAME, "joints": joints}
-    if (robot := identified.robot) is not None:
-        merged = {body: list(links) for body, links in robot.merged_links.items()}
-        data |= {"robot": {"file": robot.source, "gravity": list(robot.gravity), "locked": dict(robot.locked)}}
-        data["robot"]["merged"] = merged
-    data["parameters"] = [_parameter_row(identified, k) for k in range(len(model.parameters))]
-    return ExportText(yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120))
-
-
 def _parameter_row(identified: IdentifiedModel, k: int) -> dict[str, Any]:
     parameter = identified.model.parameters[k]
     row: dict[str, Any] = {"name": parameter.name, "value": float(identified.value[k])}
@@ -328,8 +315,16 @@ class Yaml:
         return "parameters.yaml"
 
     def write(self, identified: IdentifiedModel) -> ExportText:
-        """Return the parameters."""
-        return identified_yaml(identified)
+        """Return the parameters: any values can be held."""
+        model = identified.model
+        joints = [{"name": joint.name, "kind": joint.kind, "unit": joint.unit} for joint in model.joints]
+        data: dict[str, Any] = {"model": model.name, "frames": FRAME, "joints": joints}
+        if (robot := identified.robot) is not None:
+            merged = {body: list(links) for body, links in robot.merged_links.items()}
+            data["robot"] = {"file": robot.source, "gravity": list(robot.gravity), "locked": dict(robot.locked)}
+            data["robot"]["merged"] = merged
+        data["parameters"] = [_parameter_row(identified, k) for k in range(len(model.parameters))]
+        return ExportText(yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120))
 
     def torque(self, identified: IdentifiedModel, states: States) -> Array:
         """Return the torque of all terms, with the memory of those that have one at zero."""

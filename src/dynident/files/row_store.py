@@ -211,10 +211,13 @@ class RowStore:
 
     def _read_keys(self, file: Path) -> None:
         """Read the keys of a file."""
+        import polars as pl
+
         rows, count = self._open_table(file)
         afford(KEY_BYTES * count, f"{file}: the keys of its {count} rows would take")
         # keys only, in groups of rows, as the table may be larger than the memory
-        keys = rows.select(*self.key, self._unknown_expression().alias(""))
+        again = (pl.col(name).is_in(values) for name, values in self.again.items())
+        keys = rows.select(*self.key, pl.any_horizontal(pl.lit(self.rerun), *again).alias(""))
         # equal values share one object, which saves most of the memory of the keys
         pools: list[dict[Any, Any]] = [{} for _ in self.key]  # most values stand in many keys
         in_file = set[Key]()
@@ -248,14 +251,6 @@ class RowStore:
         if reason := self._schema_fault(schema):
             raise _foreign_error(file, reason)
         return _scan_files(file).select(list(self.schema)), int(count)
-
-    def _unknown_expression(self) -> pl.Expr:
-        """Return the expression that marks rows which count as not known."""
-        import polars as pl
-
-        return pl.any_horizontal(
-            pl.lit(self.rerun), *(pl.col(name).is_in(values) for name, values in self.again.items())
-        )
 
     def _schema_fault(self, schema: Mapping[str, pl.DataType]) -> str:
         """Return why a schema is not that of the table; empty where it is."""

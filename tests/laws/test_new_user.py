@@ -30,7 +30,7 @@ URDF = """<robot name="arm">
   <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.3 0 0" rpy="0.4 0 0"/>
     <axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="20" velocity="5"/></joint>
 </robot>"""
-T = np.arange(3000) * 0.004
+T = np.arange(1500) * 0.008
 CONSTANT, RATIO = 0.05, {"shoulder": 100.0, "elbow": 50.0}  # N m/A, motor turns per joint turn
 
 

@@ -285,7 +285,7 @@ def test_intervals_of_the_consistent_fit_hold_on_an_arm_without_a_spherical_wris
     """95 % intervals, from a robot file with other bodies than the true ones, over several recordings."""
     true = driven(arm("bent", 4))
     model = driven(arm("bent", 4, seed=8), nominal=False)
-    motion = moved(true, np.arange(4000) * 0.005)
+    motion = moved(true, np.arange(2000) * 0.01)
     recipe = Recipe(estimator=PhysicallyConsistent(costs=False), outliers="keep")
     inside, total, worst = 0, 0, 0.0
     for seed in range(4):
@@ -309,7 +309,7 @@ def test_intervals_hold_where_the_true_bodies_break_physics_and_a_note_says_what
     """
     true = driven(arm("bent", moments=(1.0, 0.2, 0.1)))
     model = driven(arm("bent", seed=8), nominal=False)
-    motion = moved(true, np.arange(4000) * 0.005)
+    motion = moved(true, np.arange(2000) * 0.01)
 
     class Exact(Smoother):
         """The motion is known exactly, so that nothing else can bias the fit."""

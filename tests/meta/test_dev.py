@@ -76,7 +76,7 @@ def test_the_exit_code_and_the_streams_are_those_of_the_command(user: Path) -> N
 
 
 def test_a_signal_reaches_the_command(user: Path) -> None:
-    write_log(user, n=20_000)
+    write_log(user)
     process = start(user, "run", "check", *[str(configure(user))] * 500)
     assert process.stdout is not None
     process.stdout.readline()

@@ -198,25 +198,24 @@ def test_dotted_names_exist(page: Path) -> None:
         module, _, attribute = name.rpartition(".")
         found = hasattr(import_module(module), attribute) if module else False
         assert found or import_module(name), name
-    classes = public_classes()
     for owner, attribute in re.findall(r"`([A-Z]\w+)\.([a-z]\w*)`", text):
-        assert owner in classes, f"{title(page)}: {owner}"
-        assert attribute in classes[owner], f"{title(page)}: {owner}.{attribute}"
+        assert attribute in members(owner), f"{title(page)}: {owner}.{attribute}"
 
 
 @cache
-def public_classes() -> dict[str, set[str]]:
-    """Names of all classes of the package, with their methods and annotated fields."""
-    found: dict[str, set[str]] = {}
-    for node in (node for path in SOURCE.rglob("*.py") for node in ast.walk(ast.parse(path.read_text("utf-8")))):
-        if isinstance(node, ast.ClassDef):
-            members = found.setdefault(node.name, set())
-            for child in ast.walk(node):
-                if isinstance(child, ast.FunctionDef):
-                    members.add(child.name)
-                elif isinstance(child, ast.AnnAssign) and isinstance(child.target, ast.Name):
-                    members.add(child.target.id)
-    return found
+def sources() -> tuple[str, ...]:
+    return tuple(path.read_text("utf-8") for path in SOURCE.rglob("*.py"))
+
+
+@cache
+def members(owner: str) -> set[str]:
+    """The methods and annotated fields of all classes of the package that have a name."""
+    texts = [text for text in sources() if re.search(rf"^\s*class {owner}\b", text, re.MULTILINE)]
+    classes = (node for text in texts for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ClassDef))
+    children = [child for node in classes if node.name == owner for child in ast.walk(node)]
+    methods = {child.name for child in children if isinstance(child, ast.FunctionDef)}
+    fields = (child.target for child in children if isinstance(child, ast.AnnAssign))
+    return methods | {target.id for target in fields if isinstance(target, ast.Name)}
 
 
 ARCHITECTURE = ROOT / "ARCHITECTURE.md"

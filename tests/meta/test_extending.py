@@ -93,7 +93,7 @@ def test_an_estimator_of_a_file_identifies(folder: Path) -> None:
     path = slide(folder, estimator={"kind": "huber.py:Huber", "k": "1.5"})
     recipe = build_recipe(parse_config(path.read_text(), folder))
     model = slider(values=(5.0, 8.0, 3.0, 0.5))
-    clean = multisine_motion(model, noise=0.01)
+    clean = multisine_motion(model, noise=0.01, samples=1000)
     rng = np.random.default_rng(1)
     wrong = clean.tau + np.where(rng.uniform(size=clean.tau.shape) < 0.05, 5.0, 0.0)
     log = Log(clean.t, clean.q, wrong, clean.joints)

@@ -35,7 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A configuration with two recordings, and its result."""
     made = tmp_path_factory.mktemp("imports")
     (made / "arm.yaml").write_text(CONFIG)
-    rng, t = np.random.default_rng(0), np.arange(2000) * 0.005
+    rng, t = np.random.default_rng(0), np.arange(800) * 0.0125
     for day, w in (("monday", 2.0), ("tuesday", 3.0)):
         dq, ddq = 0.3 * w * np.cos(w * t), -0.3 * w**2 * np.sin(w * t)
         tau = 5 * ddq + 8 * dq + 3 * np.sign(dq) + 0.5 + 0.1 * rng.standard_normal(len(t))

@@ -15,18 +15,20 @@ from dynident.project.result_format import config_schema, result_schema
 from dynident.runtime.families import EXPORTERS
 
 SOURCE = Path(__file__).parents[2] / "src" / "dynident"
+QUOTED = re.compile(r"(?<!`)`([a-zA-Z_]\w*)(?:: \w+)?`(?!`)")  # with two backticks it is in a docstring
 OTHER = {"S", "numpy_source", "partials", "shapes"}  # a keyword of the spline, methods of a term
 
 
 def quoted() -> Iterator[tuple[str, str]]:
     """The identifiers in backticks of all errors raised, with their file: `key`, or `key: value`."""
     for path in SOURCE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        text = path.read_text(encoding="utf-8")
+        for node in ast.walk(ast.parse(text)) if QUOTED.search(text) else ():
             if isinstance(node, ast.Raise) and node.exc is not None:
                 texts = [
                     x.value for x in ast.walk(node.exc) if isinstance(x, ast.Constant) and isinstance(x.value, str)
                 ]
-                for word in re.findall(r"`([a-zA-Z_]\w*)(?:: \w+)?`", " ".join(texts)):
+                for word in QUOTED.findall(" ".join(texts)):
                     yield path.name, word
 
 

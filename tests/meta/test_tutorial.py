@@ -16,8 +16,9 @@ import runpy
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -27,10 +28,10 @@ import pytest
 from click.testing import CliRunner
 
 from dynident.cli import main
-from dynident.identification import Identification
 from dynident.project import project
 from tests.laws.test_numbers import check_numbers, numbers_of
 
+identification = import_module("dynident.identification.identify")  # a function there has the name of the module
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 SECTIONS = dict(re.findall(r"^## (.+)\n((?:(?!## ).*\n)+)", TEXT, re.MULTILINE))
@@ -86,18 +87,32 @@ def absent(section: str) -> bool:
     return f"import {OPTIONAL}\n" in section and find_spec(OPTIONAL) is None
 
 
-def remembered(compute: Callable[..., Identification]) -> Callable[..., Identification]:
-    """A fit, made once for each content of robot.yaml: that a second command finds the same is tested elsewhere."""
-    known: dict[str, Identification] = {}
+def remembered(compute: Callable[..., Any], cause: Callable[..., str]) -> Callable[..., Any]:
+    """A function that computes once for each cause: that a second command finds the same is tested elsewhere."""
+    results: dict[str, Any] = {}
 
-    def identified(*given: Any, **named: Any) -> Identification:
-        (config,) = Path().glob("**/robot.yaml")
-        text = config.read_text(encoding="utf-8")
-        if text not in known:
-            known[text] = compute(*given, **named)
-        return known[text]
+    def recalled(*given: Any, **named: Any) -> Any:
+        key = cause(*given)
+        if key not in results:
+            results[key] = compute(*given, **named)
+        return results[key]
 
-    return identified
+    return recalled
+
+
+def configuration(*_: Any) -> str:
+    (config,) = Path().glob("**/robot.yaml")
+    return config.read_text(encoding="utf-8")
+
+
+@contextlib.contextmanager
+def computed_once() -> Iterator[None]:
+    """Fits and findings are made once for each content of robot.yaml; terms, smoothing and time offset are chosen once
+    for each recipe, which says nothing of the controller that the page adds."""
+    fits = {name: remembered(getattr(project, name), configuration) for name in ("identify", "with_findings")}
+    choice = remembered(identification.choose_in_rounds, lambda model, data, recipe, *_: repr(recipe))
+    with patch.multiple(project, **fits), patch.object(identification, "choose_in_rounds", choice):
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +124,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def printed(folder: Path) -> dict[str, list[tuple[Step, str]]]:
     """What each command prints, by section, after all of the page was typed; then the demo, whose fit is the last."""
     done: dict[str, list[tuple[Step, str]]] = {}
-    with contextlib.chdir(folder), patch.object(project, "identify", remembered(project.identify)):
+    with contextlib.chdir(folder), computed_once():
         for title, section in SECTIONS.items():
             done[title] = []
             for kind, body in BLOCK.findall(section):

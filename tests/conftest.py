@@ -28,6 +28,7 @@ def pytest_report_header() -> str:
 def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()  # ten thousand tests and all modules, which no later collection need go through
+    gc.set_threshold(10_000, 20, 20)  # a collection costs more than what it frees
 
 
 settings.register_profile("patient", deadline=None)  # a busy machine is no error

@@ -16,7 +16,7 @@ import yaml
 from dynident.models import Model, RigidBodies, RotorInertia
 from dynident.project.export import Yaml
 from tests.cli.commands import configure, refuse, run, succeed, write_log
-from tests.laws.test_new_user import CONSTANT, RATIO, URDF, folder, identify
+from tests.laws.test_new_user import CONSTANT, RATIO, URDF, T, folder, identify
 from tests.saved_results import errors_by_log
 
 __all__ = ["folder"]
@@ -117,7 +117,7 @@ class TestPredict:
             assert f"{errors['per_joint'][joint]:.3g}" in done.output
         assert frame.columns[:3] == ["log", "t", "used"]
         assert set(frame["log"]) == {"tuesday"}
-        assert frame["t"][1] == pytest.approx(0.004)
+        assert frame["t"][1] == pytest.approx(T[1])
 
     def test_a_recording_without_torques(self, arm: Path) -> None:
         bare = arm.parent / "bare.csv"

@@ -96,8 +96,8 @@ def test_it_does_not_matter_how_samples_come_or_whether_the_state_was_saved() ->
     t, q, tau = (np.concatenate([part[k] for part in parts]) for k in range(3))
     whole, one, events = watcher(), watcher(), tuple[Event, ...]()
     expected = whole.push(t, q, tau)
-    for k in range(0, len(t), 1111):
-        some = slice(k, k + 1111)
+    for k in range(0, len(t), 1999):
+        some = slice(k, k + 1999)
         events += one.push(t[some], q[some], tau[some])
         state = one.state
         one = watcher()

@@ -129,7 +129,8 @@ def test_a_search_that_ends_away_from_the_minimum_has_not_converged(motion, monk
     assert "the search has not converged" in " ".join(_fit_warnings(fit, plant()))
 
 
-def test_what_a_search_drives_to_zero_is_named(motion) -> None:
+def test_what_a_search_drives_to_zero_is_named() -> None:
+    motion = smooth_servo_log(recording(duration=3.0))
     # a servo that already damps more than the arm does leaves less than none to the joint
     stiff = replace(values(), kd=np.array([0.0, 1.0, 0.0]))
     fit = fit_values(plant(), [motion], stiff, ENTRIES)

@@ -85,7 +85,9 @@ def test_a_width_that_is_passed_within_a_sample_is_no_friction(monkeypatch: pyte
     def widths() -> list[float]:
         choice = choose_terms(Model((bodies(),)), [recorded(simulated.averaged, 1, noise=0.01)], kinds=PLAIN)
         (sign,) = (term for term in choice.terms if isinstance(term, Coulomb))
-        return [float(sign.constant("width", name)) for name in sign.acts_on]
+        signs = [float(sign.constant("width", name)) for name in sign.acts_on]
+        assert [dict(x.settings)["width"] for x in choice.trials if x.kind == "coulomb"] == signs
+        return signs
 
     assert widths() == [0.0] * 3
     monkeypatch.setattr(TermSamples, "turning_step", lambda samples, j: 0.0)

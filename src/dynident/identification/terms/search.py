@@ -265,7 +265,9 @@ class JointSearch:
             if not (isinstance(term, DryFriction) and isinstance(sharp, DryFriction) and sharp.sharp.all()):
                 continue
             if float(term.constant("width", self.joint)) <= turning_step:
-                self.entered[k] = replace(entry, size=0)
+                self.entered[k], kind = replace(entry, size=0), entry.group.kind.name
+                if kind in self.trials:
+                    self.trials[kind] = replace(self.trials[kind], settings=settings_of(sharp))
 
     def keep_dry_friction(self, candidates: CandidateGrams) -> None:
         """Keep Coulomb friction in its first size where no dry friction has entered."""

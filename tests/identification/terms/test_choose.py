@@ -82,16 +82,17 @@ def test_shape_constants_are_those_of_the_law() -> None:
 
 
 def test_a_width_that_is_passed_within_a_sample_is_no_friction(monkeypatch: pytest.MonkeyPatch) -> None:
-    def widths() -> list[float]:
+    def widths(min_speed: bool) -> list[float]:
         choice = choose_terms(Model((bodies(),)), [recorded(simulated.averaged, 1, noise=0.01)], kinds=PLAIN)
         (sign,) = (term for term in choice.terms if isinstance(term, Coulomb))
         signs = [float(sign.constant("width", name)) for name in sign.acts_on]
         assert [dict(x.settings)["width"] for x in choice.trials if x.kind == "coulomb"] == signs
+        assert [speed > 0 for speed in choice.min_speed] == [min_speed] * 3
         return signs
 
-    assert widths() == [0.0] * 3
+    assert widths(min_speed=True) == [0.0] * 3  # samples on the way are left out
     monkeypatch.setattr(TermSamples, "turning_step", lambda samples, j: 0.0)
-    assert min(widths()) > 0  # the width that predicts best: of the mean, not of the friction
+    assert min(widths(min_speed=False)) > 0  # the width that predicts best: of the mean, not of the friction
 
 
 def test_the_rate_of_a_ripple_is_right_also_where_the_motion_did_not_go() -> None:

@@ -188,7 +188,7 @@ class _TermSelection:
 
     def select_terms(self) -> TermChoice:
         """Search the terms of all joints in turn, each beside the current terms of the others."""
-        n, plain = len(self.rows), list[float]()
+        n, plain, uncertain_speeds = len(self.rows), list[float](), [0.0] * len(self.rows)
         entered = [list[tuple[int, int]]() for _ in range(n)]
         for turn in range(PASSES):
             # The load changes with the terms, which depend on it: a few passes settle both.
@@ -214,7 +214,7 @@ class _TermSelection:
                 search.forward(candidates)
                 search.backward(candidates)
                 search.exchange(candidates)
-                search.sharpen(self.samples.turning_step(j))
+                uncertain_speeds[j] = search.sharpen(self.samples.turning_step(j))
                 if not self.samples.moves_both_ways(j):
                     search.keep_dry_friction(candidates)
                 normals[j] = search.normal
@@ -235,7 +235,7 @@ class _TermSelection:
             tuple(trial for joint_trials in trials for trial in joint_trials.values()),
             tuple(plain),
             tuple(self._errors(searches)),
-            tuple(self._min_speed(searches, loads, j) for j in range(n)),
+            tuple(self._min_speed(searches, loads, j, uncertain_speeds[j]) for j in range(n)),
             load,
         )
 
@@ -378,8 +378,8 @@ class _TermSelection:
                 replace(x.group.kind, sizes=partial(fixed_terms, (x.term,))) for x in coupled_search.entered[n_before:]
             ]
 
-    def _min_speed(self, searches: Sequence[JointSearch], loads: Sequence[Array], j: int) -> float:
-        """Return the speed below which samples of a joint are left out because this predicts all samples better."""
+    def _min_speed(self, searches: Sequence[JointSearch], loads: Sequence[Array], j: int, least: float) -> float:
+        """Return the speed, at least ``least``, below which a joint is left out as this predicts all samples better."""
         joint_search, rows = searches[j], self.rows[j]
         if self.samples.selection.min_speed is not None or self._is_still(j):
             return 0.0
@@ -397,4 +397,4 @@ class _TermSelection:
         gains = [gain_share(errors[0] - error, errors[0]) for error in errors]
         best, (gain, std) = max(enumerate(gains), key=lambda pair: pair[1][0])
         is_sure = best > 0 and gain > max(MIN_STRICT_GAIN_ERRORS * std, 0.5)
-        return TRIAL_SPEEDS[best - 1] * self.excitations[j].speed if is_sure else 0.0
+        return max(TRIAL_SPEEDS[best - 1] * self.excitations[j].speed if is_sure else 0.0, least)

@@ -172,8 +172,7 @@ class JointSearch:
             good = [result for result in retried if result.trial.outcome is TrialOutcome.ENTERED]
             if not good:
                 return
-            # Without dry friction the residual is mostly its sign; other kinds would imitate it.
-            # what is left of it has no meaning without
+            # Without dry friction the residual is mostly its sign, which other kinds would imitate.
             if not any(candidate.group.kind.dry for candidate in self.entered):
                 good = [candidate for candidate in good if candidate.entered.group.kind.dry] or good
             best = max(good, key=lambda candidate: candidate.trial.gain)
@@ -211,7 +210,7 @@ class JointSearch:
     def backward(self, candidates: CandidateGrams) -> None:
         """Remove, one by one, the terms that others have made needless."""
         while self.entered:
-            removable = [entry for entry in self.entered if entry.group.kind.name not in PERMANENT_KINDS]
+            removable = (entry for entry in self.entered if entry.group.kind.name not in PERMANENT_KINDS)
             trials = [(entry, self._without(candidates, entry)) for entry in removable]
             worse = [(entry, trial) for entry, trial in trials if trial.outcome is not TrialOutcome.ENTERED]
             if not worse:
@@ -255,19 +254,22 @@ class JointSearch:
                 self.entered = alternative.entered
                 self.trials |= alternative.trials
 
-    def sharpen(self, turning_step: float) -> None:
+    def sharpen(self, turning_step: float) -> float:
         """Make signs sharp whose width is at most the ``turning_step``, by which the velocity changes in a sample.
 
-        A sample on the way may hold the torque of both directions, which such a width imitates: it is no friction.
+        A sample on the way may hold the torque of both directions, which such a width imitates. Return the speed below
+        which that holds, 0 where no sign was changed.
         """
+        uncertain_speed = 0.0
         for k, entry in enumerate(self.entered):
             sharp, term = entry.group.terms[0], entry.term
             if not (isinstance(term, DryFriction) and isinstance(sharp, DryFriction) and sharp.sharp.all()):
                 continue
-            if float(term.constant("width", self.joint)) <= turning_step:
-                self.entered[k], kind = replace(entry, size=0), entry.group.kind.name
-                if kind in self.trials:
-                    self.trials[kind] = replace(self.trials[kind], settings=settings_of(sharp))
+            if 0.0 < float(term.constant("width", self.joint)) <= turning_step:
+                self.entered[k], uncertain_speed = replace(entry, size=0), 0.5 * turning_step
+                if trial := self.trials.get(entry.group.kind.name):
+                    self.trials[trial.kind] = replace(trial, settings=settings_of(sharp))
+        return uncertain_speed
 
     def keep_dry_friction(self, candidates: CandidateGrams) -> None:
         """Keep Coulomb friction in its first size where no dry friction has entered."""

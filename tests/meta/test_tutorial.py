@@ -111,7 +111,8 @@ def computed_once() -> Iterator[None]:
     for each recipe, which says nothing of the controller that the page adds."""
     fits = {name: remembered(getattr(project, name), configuration) for name in ("identify", "with_findings")}
     choice = remembered(identification.choose_in_rounds, lambda model, data, recipe, *_: repr(recipe))
-    with patch.multiple(project, **fits), patch.object(identification, "choose_in_rounds", choice):
+    checks = patch.object(project.Project, "examine", remembered(project.Project.examine, configuration))
+    with patch.multiple(project, **fits), patch.object(identification, "choose_in_rounds", choice), checks:
         yield
 
 

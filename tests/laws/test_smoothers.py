@@ -97,7 +97,7 @@ def test_what_is_least_squares_takes_irregular_times_as_they_are(smoother: Smoot
 def test_a_joint_at_rest_has_no_velocity_and_takes_nothing_from_one_that_moves(
     smoother: Smoother, kind: str, size: float
 ) -> None:
-    log, rng = make_log(1e-5, motion=motion_for(smoother)), np.random.default_rng(5)
+    log, rng = make_log(1e-5, n=2000, h=5e-3, motion=motion_for(smoother)), np.random.default_rng(5)
     rests = {"noise": 1e-5 * rng.standard_normal(len(log)), "flicker": 1e-4 * (rng.uniform(size=len(log)) > 0.7)}
     rest, moving = 0.4 + rests.get(kind, np.zeros(len(log))), replace(log, q=size * log.q).select(("b",))
     made = smoother(replace(log, q=np.column_stack([rest, moving.q])))

@@ -154,7 +154,6 @@ def settings_type(part: type) -> Any:
     return getattr(part, "Settings", part)
 
 
-@cache
 def settings_hints(holder: type) -> dict[str, Any]:
     """Return the types of a dataclass's fields by name; ConfigError where a name in them is not known when it runs."""
     try:

@@ -115,7 +115,7 @@ def build(
 
 def by_joint(settings: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Yield the settings that are mappings by the names of joints, with their names."""
-    for name, hint in settings_hints(type(settings)).items():  # type: ignore[arg-type]
+    for name, hint in settings_hints(type(settings)).items():
         if BY_JOINT in getattr(hint, "__metadata__", ()) and isinstance(value := getattr(settings, name), Mapping):
             yield name, value
 

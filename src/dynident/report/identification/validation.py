@@ -12,8 +12,8 @@ from dynident.models import Joint
 from dynident.motion.splines import Rule, SmoothingSpline, smooth
 from dynident.report.figures import Array
 from dynident.report.identification.figures import error_figure, run_figure, smoothing_figure, torque_figure
-from dynident.report.page import UNIT, Beside, Column, Figure, Fold, PageBlock, PageSection, PageTable, render
-from dynident.report.words import ROLES, figure_gallery, points
+from dynident.report.page import UNIT, Beside, Column, Figure, Fold, Head, PageBlock, PageSection, PageTable, render
+from dynident.report.words import ROLES, figure_gallery, label_of, points
 from dynident.runtime import ConfigError, InputError, join_names, number
 from dynident.validation import FloorOrigin, residual_text
 
@@ -57,7 +57,7 @@ def error_section(identification: Identification) -> PageSection:
     joints = [joint.name for joint in identification.model.joints]
     figure = Figure(error_figure(identification.validations, joints), "Torque error by joint, unfiltered.")
     bars = (figure,) if len(joints) > 1 else ()
-    blocks: list[PageBlock] = [_ERRORS, error_table(identification), *bars, joint_table(identification, limits=True)]
+    blocks: list[PageBlock] = [_ERRORS, error_table(identification), *bars, _joint_matrix(identification)]
     if any(log.residuals for log in identification.validations):
         tests = _RESIDUALS, _residual_table(identification)
         blocks.append(Fold("What is left of the torque: tests of the residuals", tests))
@@ -75,13 +75,11 @@ def error_table(identification: Identification) -> PageTable:
     return PageTable.of(("log", "role"), heads, rows, "Relative torque error per log")
 
 
-def joint_table(identification: Identification, limits: bool = False) -> PageTable:
-    """Return the errors with one row per log and joint; with ``limits`` in % of the limits of effort, too, if any."""
-    limits = limits and any(log.errors.effort_share for log in identification.validations)
-    heads = ("error, %", "over the noise floor", "rmse", UNIT, *["of limit, %"] * limits)
+def joint_table(identification: Identification) -> PageTable:
+    """Return the errors with one row per log and joint, as a terminal shows them."""
+    heads = ("error, %", "over the noise floor", "rmse", UNIT)
     rows = [
         (log.name, joint.name, *_joint_errors(log, joint.name), joint.effort)
-        + (number(log.errors.effort_share.get(joint.name), 2),) * limits
         for log in identification.validations
         for joint in identification.model.joints
     ]
@@ -97,6 +95,22 @@ def unknown_noise(identification: Identification) -> Iterator[str]:
             f"The sensors' noise is not known of {join_names(unknown)}: the torque was filtered before it was "
             "recorded, or its noise is not white."
         )
+
+
+def _joint_matrix(identification: Identification) -> PageTable:
+    """Return the errors with one row per joint and the logs side by side."""
+    heads: list[Head] = [UNIT]
+    for log in identification.validations:
+        heads += [(title, label_of(log)) for title in ("error, %", "over the noise floor", "rmse")]
+        heads += [("of limit, %", label_of(log))] * bool(log.errors.effort_share)
+    rows = []
+    for joint in identification.model.joints:
+        row = [joint.name, joint.effort]
+        for log in identification.validations:
+            row += _joint_errors(log, joint.name)
+            row += [number(log.errors.effort_share.get(joint.name), 2)] * bool(log.errors.effort_share)
+        rows.append(row)
+    return PageTable.of(("joint",), heads, rows, "Torque error per joint, unfiltered")
 
 
 def _joint_errors(log: LogValidation, joint: str) -> tuple[str, str, str]:

@@ -21,7 +21,7 @@ from tests.identification.terms.simulated import bodies, recorded
 
 def log(seed: int, source: str) -> Log:
     motion = recorded(simulated.dahl, seed)
-    return Log(motion.t, motion.q, motion.tau, motion.joints, source).window(0.0, 10.0)
+    return Log(motion.t, motion.q, motion.tau, motion.joints, source)
 
 
 def test_the_plain_set_is_added_where_it_lacks() -> None:

@@ -1,12 +1,12 @@
 """Fit and plot: the bundled arm from its robot file and two recordings; the held-out torque as a page for the browser.
 
 $ .venv/bin/python examples/fit_and_plot.py
-monday, train: 1.94 % of the torque is left
-tuesday, validation: 1.67 % of the torque is left
-offset_elbow 0.525 +- 0.024 N m
-Fv_elbow 6.032 +- 0.022 N m s/rad
-Ia_elbow 0.630 +- 0.011 kg m^2
-Fc_elbow 2.196 +- 0.025 N m
+monday, train: 2.00 % of the torque is left
+tuesday, validation: 1.74 % of the torque is left
+offset_elbow 0.527 +- 0.024 N m
+Fv_elbow 6.036 +- 0.022 N m s/rad
+Ia_elbow 0.631 +- 0.011 kg m^2
+Fc_elbow 2.187 +- 0.024 N m
 measured and predicted torque: plot-out/elbow.html
 """
 

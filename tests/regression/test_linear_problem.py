@@ -12,14 +12,7 @@ from dynident.models import Joint, Model, Parameter, Partials, Term
 from dynident.models.friction import Viscous
 from dynident.motion.log import Motion
 from dynident.motion.splines import stretches
-from dynident.regression import (
-    ParallelFilter,
-    Regression,
-    RegressorBlock,
-    Selection,
-    TriangularFactors,
-    linear_problem,
-)
+from dynident.regression import ParallelFilter, Regression, RegressorBlock, Selection, TriangularFactors, linear_problem
 from dynident.runtime import InputError
 from tests.regression.dense import triangularise
 from tests.regression.random_motion import ARM, THETA, drawn, holes, motion

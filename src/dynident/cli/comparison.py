@@ -9,14 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from dynident.cli.command_log import command_log, one_line, print_error
-from dynident.cli.options import (
-    DIRECTORY,
-    FILE,
-    JSON_FILE,
-    FiniteRange,
-    WorkerOptions,
-    add_worker_options,
-)
+from dynident.cli.options import DIRECTORY, FILE, JSON_FILE, FiniteRange, WorkerOptions, add_worker_options
 from dynident.cli.terminal import console, print_files, print_path, status
 from dynident.runtime import report_progress
 

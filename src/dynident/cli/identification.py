@@ -12,14 +12,7 @@ import click
 
 from dynident.cli.command_log import command_log
 from dynident.cli.failures import command
-from dynident.cli.options import (
-    ALLOW_CODE,
-    DIRECTORY,
-    FILE,
-    LOG_NAME,
-    WorkerOptions,
-    add_worker_options,
-)
+from dynident.cli.options import ALLOW_CODE, DIRECTORY, FILE, LOG_NAME, WorkerOptions, add_worker_options
 from dynident.cli.terminal import console, print_files, print_path, say_line, status
 from dynident.runtime import Severity, choices, count, report_progress
 from dynident.runtime.families import EXPORTERS

@@ -27,15 +27,7 @@ from dynident.estimators.physically_consistent import PhysicallyConsistent
 from dynident.estimators.simulated_recordings import find_first_model
 from dynident.models.simulation import Failure, Singular
 from dynident.regression import Rank
-from dynident.runtime import (
-    ConfigError,
-    InputError,
-    ModelError,
-    Note,
-    Noun,
-    Step,
-    report_progress,
-)
+from dynident.runtime import ConfigError, InputError, ModelError, Note, Noun, Step, report_progress
 from dynident.runtime.arrays import Array
 
 MAX_SAMPLES = 1_000_000  # samples

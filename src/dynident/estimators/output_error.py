@@ -26,14 +26,7 @@ from dynident.estimators.simulated_recordings import (
     no_controller_error,
     open_shots,
 )
-from dynident.runtime import (
-    MEMORY_VARIABLE,
-    InputError,
-    MissingInputError,
-    format_bytes,
-    memory_budget,
-    settings_text,
-)
+from dynident.runtime import MEMORY_VARIABLE, InputError, MissingInputError, format_bytes, memory_budget, settings_text
 
 BYTES_PER_DERIVATIVE = 20  # for each sample, joint and direction: the derivatives, and what the starts leave of them
 

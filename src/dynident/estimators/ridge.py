@@ -30,13 +30,7 @@ from dynident.estimators.notes import DrawnToPrior
 from dynident.estimators.physical_constraints import bodies_of, estimate_sizes, parameter_scales
 from dynident.estimators.programs import Information, add_prior, information_from_factor, nearest_to_prior
 from dynident.models import Model
-from dynident.regression import (
-    TriangularFactors,
-    divide_regression,
-    factors_of_parts,
-    merge_factors,
-    rank_of,
-)
+from dynident.regression import TriangularFactors, divide_regression, factors_of_parts, merge_factors, rank_of
 from dynident.runtime import Note, report_progress
 from dynident.runtime.arrays import Array
 

@@ -30,15 +30,7 @@ from dynident.motion.log import Controller, Log, Motion
 from dynident.motion.smoothers import KalmanSmoother, Smoother
 from dynident.motion.splines import stretches
 from dynident.regression import fitted_rows
-from dynident.runtime import (
-    DynidentError,
-    InputError,
-    MissingInputError,
-    ModelError,
-    Noun,
-    Step,
-    report_progress,
-)
+from dynident.runtime import DynidentError, InputError, MissingInputError, ModelError, Noun, Step, report_progress
 from dynident.runtime.arrays import Array
 
 # times the range of the recorded motion; of the widest range, what counts as that of a joint

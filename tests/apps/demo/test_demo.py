@@ -13,16 +13,7 @@ import pytest
 
 import dynident as dy
 from dynident.apps.demo import compare_with_truth, demo_files, demo_truth
-from dynident.apps.demo.arm import (
-    BASE,
-    JOINTS,
-    LINKS,
-    TILT,
-    LinkCapsule,
-    true_model,
-    true_values,
-    urdf,
-)
+from dynident.apps.demo.arm import BASE, JOINTS, LINKS, TILT, LinkCapsule, true_model, true_values, urdf
 from dynident.apps.demo.files import SEED, fourier_motion
 from dynident.checks import check_robot
 from dynident.identification import Calibration, Identification, TimeOffset

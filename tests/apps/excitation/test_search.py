@@ -10,14 +10,7 @@ import pytest
 from dynident.apps.excitation import Criterion, polish
 from dynident.apps.excitation import search as searching
 from dynident.apps.excitation.interior import GridReserve, Interior
-from dynident.apps.excitation.search import (
-    STAGES,
-    Plan,
-    Stage,
-    improve_motion,
-    random_motion,
-    search,
-)
+from dynident.apps.excitation.search import STAGES, Plan, Stage, improve_motion, random_motion, search
 from dynident.runtime import InputError, progress_to
 from tests.apps.excitation.arms import LIMITS, MODEL, THETA
 from tests.apps.excitation.requests import OPEN, SPACE, interior

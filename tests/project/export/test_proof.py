@@ -11,17 +11,7 @@ import pytest
 import yaml
 
 from dynident.motion.log import Motion
-from dynident.project.export import (
-    Mjcf,
-    Numpy,
-    Urdf,
-    Yaml,
-    export,
-    identified_urdf,
-    prove,
-    random_states,
-    spread,
-)
+from dynident.project.export import Mjcf, Numpy, Urdf, Yaml, export, identified_urdf, prove, random_states, spread
 from tests.project.export.arms import STATES, arm
 from tests.robots import ARM, ARM_MJCF
 

@@ -15,16 +15,7 @@ import numpy as np
 
 from dynident.apps.fleets.config import REPORT, RUNS, TABLE, FleetLog, fleet_logs, folder_names, read_fleet_settings
 from dynident.apps.fleets.doubts import doubts, find_changes_and_residuals
-from dynident.apps.fleets.fit import (
-    KEY,
-    LogIdentifier,
-    LogJob,
-    LogResult,
-    empty_row,
-    histories_of,
-    model_of,
-    schema,
-)
+from dynident.apps.fleets.fit import KEY, LogIdentifier, LogJob, LogResult, empty_row, histories_of, model_of, schema
 from dynident.apps.fleets.recipe import FleetRecipe, fleet_recipe
 from dynident.apps.fleets.report import fleet_page
 from dynident.apps.fleets.result import MIN_ROBOTS, FleetBase, FleetResult, Population, pool_robots

@@ -20,10 +20,7 @@ from dynident.apps.ranking.ranking import (
     Ranking,
     TruthFigures,
 )
-from dynident.apps.ranking.task import (
-    CommonSamples,
-    Task,
-)
+from dynident.apps.ranking.task import CommonSamples, Task
 from dynident.regression import MAX_REPEAT_DIFFERENCE, repeat_of
 from dynident.runtime import Noun
 from dynident.runtime.arrays import Array

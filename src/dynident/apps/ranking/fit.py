@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 
 from dynident.apps.ranking.config import Candidate
-from dynident.apps.ranking.ranking import (
-    CombinationOutcome,
-)
+from dynident.apps.ranking.ranking import CombinationOutcome
 from dynident.apps.ranking.task import (
     CommonSamples,
     Task,

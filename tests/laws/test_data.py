@@ -12,9 +12,9 @@ import dynident
 
 # they gather as they go
 WORKERS = {
-    *("CommandLog", "Descent", "InstrumentalRun", "JointSearch", "LikelihoodSearch", "LineReader", "ResultFolder"),
-    *("SampleReader", "Session", "Watch", "XmlNode", "_Body", "_ConicProgram", "_LikelihoodRun", "_System"),
-    "_TermSelection",
+    *("CommandLog", "Descent", "EventLog", "InstrumentalRun", "JointSearch", "LikelihoodSearch", "LineReader"),
+    *("ResultFolder", "SampleReader", "Session", "Watch", "XmlNode", "_Body", "_ConicProgram", "_LikelihoodRun"),
+    *("_System", "_TermSelection"),
 }
 
 

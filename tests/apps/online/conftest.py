@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 
 from dynident.apps.online import watcher
-from dynident.apps.online.candidates import Threshold
 
 
 @pytest.fixture(autouse=True, scope="package")
 def simulated_once() -> Iterator[None]:
-    simulate, thresholds = watcher.threshold, dict[str, Threshold]()
+    simulate, thresholds = watcher.threshold, dict[str, float]()
 
     def threshold(
         rate: float, block: float, ranks: Sequence[int], dof: float, rng: np.random.Generator, baseline: int
-    ) -> Threshold:
+    ) -> float:
         key = repr((rate, block, list(ranks), dof, baseline, rng.bit_generator.state))
         if key not in thresholds:
             thresholds[key] = simulate(rate, block, ranks, dof, rng, baseline)

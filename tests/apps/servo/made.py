@@ -27,7 +27,7 @@ def identified() -> ServoIdentification:
     covariance = np.diag(np.linspace(1e-6, 1e-4, len(ENTRIES)))
     residuals = np.zeros((10, 3))
     fit = ServoFit(
-        values(), ENTRIES, covariance, residuals, np.zeros((10, 3, len(ENTRIES))), 0.00123456 * ONES, 7, True, ()
+        values(), ENTRIES, covariance, residuals, np.zeros((10, 3, len(ENTRIES))), 0.00123456 * ONES, True, ()
     )
     joints = tuple(Joint(name) for name in SERVO_JOINTS)
     rollouts = (rollout("monday", "train", 0.002), rollout("tuesday", "validation", 0.00345678))

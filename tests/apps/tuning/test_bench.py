@@ -139,7 +139,7 @@ def identified(on: Bench, tuning: Tuning) -> Identification:
 def test_the_quick_fit_is_the_whole_one_but_for_the_bias_by_the_motion(
     arm: Bench, change: Change, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(import_module("dynident.identification.identify"), "motion_errors", lambda *_: None)
+    monkeypatch.setattr(import_module("dynident.identification.identify"), "motion_errors", lambda *_, **how: None)
     tuning = change(arm.start)
     quick, whole = arm.fit(tuning), identified(arm, tuning)
     assert quick.estimate.names == whole.estimate.names

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.project.export import Urdf, export, identified_urdf, random_states, relocate_files
+from dynident.project.export import Urdf, export, identified_urdf, random_states
+from dynident.project.export.robot_files import relocate_files
 from tests.project.export.arms import STATES, arm
 from tests.robots import ARM, joint, link, urdf
 

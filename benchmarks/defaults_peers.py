@@ -6,7 +6,7 @@ held-out log, on the same samples: all but those within 0.1 s of its ends, as me
 viscous and Coulomb friction, offset and rotor inertia. FIGAROH 1.0.2 has its own pipeline, at the same cut-off, with 40
 samples a second; ``mujoco.sysid`` fits the inertia of each link, armature, damping, friction loss and a constant to the
 torque of ``mj_inverse``; neither knows coupled motors. Both run in a Python of their own, --peers. All predict on the
-motion that dynident has chosen, so that only parameters differ. Published parameters: of the EMPS (Janot, 2019).
+motion that dynident has chosen, so that only parameters differ. Published parameters: benchmarks/published.py.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from defaults import MARGIN, configured, digits, found_at
 from defaults_page import FIGURES, draw
 from defaults_robots import ROBOTS
 from page_tables import read_figures, write_figures
+from published import PUBLISHED
 from scipy.signal import butter, sosfiltfilt
 
 from dynident.identification import identify
@@ -39,7 +40,6 @@ from dynident.project.project import Project, read_project
 
 HERE = Path(__file__).parent
 CUTOFF, ORDER, SAMPLES_A_SECOND = 10.0, 4, 40.0  # Hz; of the low-pass; that FIGAROH keeps
-PUBLISHED = {"emps": ("Janot 2019", [95.1089, 203.5034, 20.3935, -3.1648])}  # mass, viscous, Coulomb, offset
 PEERS = {"FIGAROH": "figaroh_fit.py", "mujoco.sysid": "mujoco_torque_fit.py"}
 Array = np.ndarray
 Row = dict[str, Any]
@@ -137,13 +137,18 @@ def measure(name: str, python: str | None) -> list[Row]:
             least_squares(plain_model(project.model), train, held_out),
         ]
         if name in PUBLISHED:
-            who, (mass, viscous, coulomb, offset) = PUBLISHED[name]
-            theta = np.array([mass, *np.zeros(9), 0.0, viscous, coulomb, offset])
-            rows.append(held_out.predict(f"published ({who})", model, theta, None))
+            who, torque = PUBLISHED[name]
+            predicted = torque(Model(project.model.terms[:1]), held_out.motion)
+            rows.append(held_out.row(f"published ({who})", predicted, None))
         bodies = project.model.terms[0]
         assert isinstance(bodies, RigidBodies)
         for who, write in {"FIGAROH": urdf_of, "mujoco.sysid": mjcf_of}.items() if python else ():
+            if who == "FIGAROH" and len(model.joints) == 1:
+                rows.append({"who": who, "reason": "its functions take two joints or more"})
+                continue
             rows += peer(who, str(python), write(bodies), bodies.gravity, model, train, held_out)
+        if not any(parameter.value for parameter in bodies.parameters):
+            rows[-1]["who"] += " (from 1 kg)"  # the file has no masses
     return rows
 
 

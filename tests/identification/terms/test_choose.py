@@ -82,8 +82,8 @@ def test_shape_constants_are_those_of_the_law() -> None:
 
 
 def test_a_width_that_is_passed_within_a_sample_is_no_friction(monkeypatch: pytest.MonkeyPatch) -> None:
-    def widths(min_speed: bool) -> list[float]:
-        choice = choose_terms(Model((bodies(),)), [recorded(simulated.averaged, 1, noise=0.01)], kinds=PLAIN)
+    def widths(*, min_speed: bool) -> list[float]:
+        choice = choose_terms(Model((bodies(),)), [recorded(simulated.averaged, 1, noise=0.1)], kinds=PLAIN)
         (sign,) = (term for term in choice.terms if isinstance(term, Coulomb))
         signs = [float(sign.constant("width", name)) for name in sign.acts_on]
         assert [dict(x.settings)["width"] for x in choice.trials if x.kind == "coulomb"] == signs
@@ -93,6 +93,14 @@ def test_a_width_that_is_passed_within_a_sample_is_no_friction(monkeypatch: pyte
     assert widths(min_speed=True) == [0.0] * 3  # samples on the way are left out
     monkeypatch.setattr(TermSamples, "turning_step", lambda samples, j: 0.0)
     assert min(widths(min_speed=False)) > 0  # the width that predicts best: of the mean, not of the friction
+
+
+def test_a_wide_sign_stays_where_a_sharp_one_is_clearly_worse(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(TermSamples, "turning_step", lambda samples, j: 1.0)  # as if it were sampled slowly
+    choice = choose_terms(Model((bodies(),)), [recorded(simulated.wide, 1)], kinds=PLAIN)
+    (sign,) = (term for term in choice.terms if isinstance(term, Coulomb))
+    assert [sign.constant("width", name) for name in sign.acts_on] == pytest.approx([0.1] * 3, rel=0.4)
+    assert max(choice.min_speed) < 0.5
 
 
 def test_the_rate_of_a_ripple_is_right_also_where_the_motion_did_not_go() -> None:

@@ -8,14 +8,8 @@ import numpy as np
 import pytest
 
 from dynident.identification.terms.candidates import TermTrial, TrialOutcome, library_kinds
-from dynident.identification.terms.search import (
-    JointSearch,
-    SearchFolds,
-    TermEntry,
-    TermGroup,
-    _TrialResult,
-    gain_share,
-)
+from dynident.identification.terms.grams import gain_share
+from dynident.identification.terms.search import JointSearch, SearchFolds, TermEntry, TermGroup, _TrialResult
 from dynident.models import Joint
 from dynident.models.friction import Coulomb
 

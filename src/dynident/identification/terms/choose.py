@@ -28,6 +28,7 @@ from dynident.identification.terms.grams import (
     Normal,
     Prior,
     add_ridge,
+    gain_share,
     normal_matrices,
     other_joint_normals,
     prior_of,
@@ -49,7 +50,6 @@ from dynident.identification.terms.search import (
     SearchFolds,
     TermEntry,
     TermGroup,
-    gain_share,
     renumber_columns,
 )
 from dynident.models import CoupledMotor, Model, Term
@@ -214,7 +214,7 @@ class _TermSelection:
                 search.forward(candidates)
                 search.backward(candidates)
                 search.exchange(candidates)
-                uncertain_speeds[j] = search.sharpen(self.samples.turning_step(j))
+                uncertain_speeds[j] = search.sharpen(candidates, self.samples.turning_step(j))
                 if not self.samples.moves_both_ways(j):
                     search.keep_dry_friction(candidates)
                 normals[j] = search.normal

@@ -342,3 +342,12 @@ def other_joint_normals(normals: Sequence[Normal], j: int, precision: Array, act
     )
     reduction = np.swapaxes(cross, 1, 2) @ solved
     return M[:, acts][:, :, acts] - reduction[..., :-1], right[:, acts] - reduction[..., -1]
+
+
+def gain_share(gains: Array, before: Array) -> tuple[float, float]:
+    """Return the sum of gains (T) as a share (%) of the squared errors before, and its standard error."""
+    total = float(before.sum())
+    if not total > 0:
+        return 0.0, 0.0
+    spread = float(np.sqrt(len(gains)) * gains.std(ddof=1)) if len(gains) > 1 else 0.0
+    return 100.0 * float(gains.sum()) / total, 100.0 * spread / total

@@ -16,6 +16,7 @@ from dynident.identification.terms.grams import (
     JointGrams,
     Normal,
     TrialFits,
+    gain_share,
     normal_matrices,
     transfer_gains,
     try_groups,
@@ -36,6 +37,7 @@ NONNEGATIVE_ROLES = ("viscous", "coulomb", "rotor")  # roles that are never nega
 PERMANENT_KINDS = ("offset", "rotor")  # what is kept even where it is not seen: without it others are biased
 MAX_FASTER_LOSS = 2.0  # standard errors below nothing at which faster motion refutes a kind that is not strict
 CLEAR_GAIN_ERRORS = 5.0  # standard errors of a gain that faster motion must refute twice
+MAX_SHARP_LOSS = 1.15  # factor of the squared error by which a sharp sign may be worse than a narrow one
 MAX_RESIZE_TURNS = 5  # at most, in which the sizes of what has entered settle
 MAX_TERMS = 9  # terms of a joint
 
@@ -103,15 +105,6 @@ class SearchFolds(Noun):
             divide(by_log, F + 1) if several else None,
             np.concatenate([1.0 - eye, all_of, *([1.0 - by_log] if several else [])]),
         )
-
-
-def gain_share(gains: Array, before: Array) -> tuple[float, float]:
-    """Return the sum of gains (T) as a share (%) of the squared errors before, and its standard error."""
-    total = float(before.sum())
-    if not total > 0:
-        return 0.0, 0.0
-    spread = float(np.sqrt(len(gains)) * gains.std(ddof=1)) if len(gains) > 1 else 0.0
-    return 100.0 * float(gains.sum()) / total, 100.0 * spread / total
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +247,7 @@ class JointSearch:
                 self.entered = alternative.entered
                 self.trials |= alternative.trials
 
-    def sharpen(self, turning_step: float) -> float:
+    def sharpen(self, candidates: CandidateGrams, turning_step: float) -> float:
         """Make signs sharp whose width is at most the ``turning_step``, by which the velocity changes in a sample.
 
         A sample on the way may hold the torque of both directions, which such a width imitates. Return the speed below
@@ -266,7 +259,13 @@ class JointSearch:
             if not (isinstance(term, DryFriction) and isinstance(sharp, DryFriction) and sharp.sharp.all()):
                 continue
             if 0.0 < float(term.constant("width", self.joint)) <= turning_step:
-                self.entered[k], uncertain_speed = replace(entry, size=0), 0.5 * turning_step
+                smooth_error = self.errors(candidates).sum()
+                self.entered[k] = replace(entry, size=0)
+                # what costs more than a few samples on the way is no mean of theirs
+                if self.errors(candidates).sum() > MAX_SHARP_LOSS * smooth_error:
+                    self.entered[k] = entry
+                    continue
+                uncertain_speed = 0.5 * turning_step
                 if trial := self.trials.get(entry.group.kind.name):
                     self.trials[trial.kind] = replace(trial, settings=settings_of(sharp))
         return uncertain_speed

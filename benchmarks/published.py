@@ -48,7 +48,7 @@ def panda_torque(bodies: Model, motion: Motion) -> Array:
     rows = [from_physical(mass, centre, _tensor(moments)) for mass, centre, moments in PANDA_LINKS]
     a, b, c = PANDA_FRICTION
     friction = a / (1.0 + np.exp(-b * (motion.dq + c))) - a / (1.0 + np.exp(-b * c))
-    return bodies.torque(motion.q, motion.dq, motion.ddq, np.concatenate(rows)) + friction
+    return np.asarray(bodies.torque(motion.q, motion.dq, motion.ddq, np.concatenate(rows)) + friction)
 
 
 def _tensor(moments: tuple[float, ...]) -> Array:

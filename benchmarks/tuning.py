@@ -102,7 +102,7 @@ def times(on: Bench, runs: int) -> dict[str, float]:
 
 
 def _with_terms(tuning: Tuning, joint: int, kinds: list[str]) -> Tuning:
-    return replace(tuning, terms=tuple(tuple(kinds) if j == joint else own for j, own in enumerate(tuning.terms)))
+    return replace(tuning, terms=tuple(tuple(kinds) if j == joint else entry for j, entry in enumerate(tuning.terms)))
 
 
 def _speed(tuning: Tuning, speed: float) -> Tuning:

@@ -267,12 +267,12 @@ def choose_columns(
         rest = weighted.ravel() - base @ np.linalg.lstsq(base, weighted.ravel(), rcond=None)[0]
         gains = {}
         for k in range(p, columns.shape[1]):
-            own = columns[:, k] - base @ np.linalg.lstsq(base, columns[:, k], rcond=None)[0]
-            size = float(own @ own)
+            unexplained = columns[:, k] - base @ np.linalg.lstsq(base, columns[:, k], rcond=None)[0]
+            size = float(unexplained @ unexplained)
             if k in fitted or size <= MIN_OWN_SHARE * float(columns[:, k] @ columns[:, k]):
                 continue
-            change = -float(own @ rest) / size
-            score = (own * rest).reshape(weighted.shape).sum(axis=1)
+            change = -float(unexplained @ rest) / size
+            score = (unexplained * rest).reshape(weighted.shape).sum(axis=1)
             spread = np.sqrt(max(correlated_sum(score[:, None], step)[0, 0], 1e-300))
             if abs(score.sum()) > min_score * spread and accepts(k - p, change):
                 gains[k] = change**2 * size / float(rest @ rest)

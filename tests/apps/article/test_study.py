@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -20,7 +21,7 @@ from dynident.apps.article.study import KEY, generator, study_table
 from dynident.estimators import DataRank, Estimate, Residual
 from dynident.estimators.notes import NotConverged, RankDeficient
 from dynident.models.simulation import Recording
-from dynident.runtime import ModelError, Step, progress_to
+from dynident.runtime import InputError, ModelError, Step, progress_to
 from dynident.runtime.jobs import Limits, local_workers
 from dynident.runtime.jobs import cluster as software
 from dynident.runtime.jobs.cluster import code_version
@@ -239,3 +240,23 @@ def test_statistics_are_the_published_ones() -> None:
     assert np.isnan(one.variance).all()
     none = statistics(table.tail(1), 2)
     assert np.isnan(none.mean).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda table: table.with_columns(seed=pl.lit("x")), "'seed' holds String, not Int64"),
+        (lambda table: table.with_columns(status=pl.lit("good")), "'good' is no status"),
+        (lambda table: table.with_columns(value=pl.lit([1.0, 2.0, 3.0])), "lists of 3 numbers in the column 'value'"),
+        (lambda table: table.with_columns(interval=pl.lit([1.0])), "lists of 1 numbers in the column 'interval'"),
+    ],
+)
+def test_a_table_that_no_study_wrote_is_refused(tmp_path: Path, change: Any, words: str) -> None:
+    path = tmp_path / "study.parquet"
+    run_study([Still()], [Mean()], LEVELS, 2, path=path)
+    change(pl.read_parquet(path)).write_parquet(path)
+    before = path.read_bytes()
+    with pytest.raises(InputError, match=re.escape(words)):
+        statistics(run_study([Still()], [Mean()], LEVELS, 2, path=path), 2)
+    if "lists" not in words:
+        assert path.read_bytes() == before

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import struct
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
@@ -46,12 +47,18 @@ class FitOutcome(StrEnum):
     DIED = Status.DIED.value
 
 
-def study_table(path: str | Path | None, *, rerun: bool = False) -> RowStore:
-    """Return the rows of a study: those in the table at ``path``, if given, which holds all of them in the end.
+@contextmanager
+def study_table(path: str | Path | None, *, rerun: bool = False) -> Iterator[RowStore]:
+    """Open the rows of a study: those in the table at ``path``, if given, which holds all of them in the end.
 
-    Failed fits are not read from it; with ``rerun`` no row is.
+    Failed fits are not read from it; with ``rerun`` no row is. Raises InputError where a file is not that of a
+    study, or another run works on it.
     """
-    return RowStore(path, _schema(), KEY, rerun=rerun, retried={"status": FAILURES})
+    with RowStore(path, _schema(), KEY, rerun=rerun, retried={"status": FAILURES}) as rows:
+        statuses = rows.scan().select("status").unique().collect()["status"].to_list()
+        if wrong := [repr(status) for status in statuses if status not in set(FitOutcome)]:
+            raise InputError(f"{path}: is not a table of a study: {min(wrong)} is no status of a fit; choose another.")
+        yield rows
 
 
 def key_type() -> dict[str, Any]:
@@ -218,7 +225,7 @@ class Statistics:
 
 
 def statistics(table: pl.DataFrame, parameters: int) -> Statistics:
-    """Return the sample mean and variance over the rows of a table."""
+    """Return the sample mean and variance over the rows of a table; InputError where a list has a wrong length."""
     import polars as pl
 
     successful = table.filter(pl.col("value").list.len() > 0)
@@ -239,6 +246,9 @@ def statistics(table: pl.DataFrame, parameters: int) -> Statistics:
 
 
 def _list_column(table: pl.DataFrame, name: str, size: int) -> Array:
-    """Return a column of lists as an array (rows, size), nan where a list is empty."""
-    rows = [row or [np.nan] * size for row in table[name].to_list()]
-    return np.array(rows, dtype=float).reshape(-1, size)
+    """Return a column of lists as an array (rows, size), nan where a list is empty; InputError for other lengths."""
+    rows = table[name].to_list()
+    if wrong := {len(row) for row in rows} - {0, size}:
+        words = f"lists of {min(wrong)} numbers in the column {name!r}, not of {size}"
+        raise InputError(f"the table of the study has {words}; delete it and run again.")
+    return np.array([row or [np.nan] * size for row in rows], dtype=float).reshape(-1, size)

@@ -261,28 +261,28 @@ def choose_columns(
     weighted = fit.residuals / scale
     columns = (np.concatenate([fit.sensitivity, slopes], axis=-1) / scale[:, None]).reshape(weighted.size, -1)
     p = len(fit.entries)
-    fitted, total_gain = list(range(p)), 0.0
+    chosen, total_gain = list(range(p)), 0.0
     while True:
-        base = columns[:, fitted]
-        rest = weighted.ravel() - base @ np.linalg.lstsq(base, weighted.ravel(), rcond=None)[0]
+        base = columns[:, chosen]
+        residual = weighted.ravel() - base @ np.linalg.lstsq(base, weighted.ravel(), rcond=None)[0]
         gains = {}
         for k in range(p, columns.shape[1]):
             unexplained = columns[:, k] - base @ np.linalg.lstsq(base, columns[:, k], rcond=None)[0]
             size = float(unexplained @ unexplained)
-            if k in fitted or size <= MIN_OWN_SHARE * float(columns[:, k] @ columns[:, k]):
+            if k in chosen or size <= MIN_OWN_SHARE * float(columns[:, k] @ columns[:, k]):
                 continue
-            change = -float(unexplained @ rest) / size
-            score = (unexplained * rest).reshape(weighted.shape).sum(axis=1)
+            change = -float(unexplained @ residual) / size
+            score = (unexplained * residual).reshape(weighted.shape).sum(axis=1)
             spread = np.sqrt(max(correlated_sum(score[:, None], step)[0, 0], 1e-300))
             if abs(score.sum()) > min_score * spread and accepts(k - p, change):
-                gains[k] = change**2 * size / float(rest @ rest)
+                gains[k] = change**2 * size / float(residual @ residual)
         best = max(gains, key=lambda k: gains[k], default=None)
         if best is None or gains[best] < min_gain:
             break
         total_gain += (1 - total_gain) * gains[best]
-        fitted.append(best)
-    changes = -np.linalg.lstsq(columns[:, fitted], weighted.ravel(), rcond=None)[0][p:]
-    return [k - p for k in fitted[p:]], np.asarray(changes, dtype=float), total_gain
+        chosen.append(best)
+    changes = -np.linalg.lstsq(columns[:, chosen], weighted.ravel(), rcond=None)[0][p:]
+    return [k - p for k in chosen[p:]], np.asarray(changes, dtype=float), total_gain
 
 
 def _matters(plant: ServoPlant, fit: ServoFit, entry: Entry) -> bool:

@@ -60,7 +60,8 @@ _CHANGES = (
 _COURSES = (
     "Each point is one log with its 95 % interval, which includes the scatter from log to log; all other parameters "
     "are at the mean of the robot's logs. A residual is the root mean square of the torque that the model leaves. The "
-    "solid line is the change that was found, the dashed line its start, a pale strip the 95 % interval of the start."
+    "solid line is the change that was found, the dashed line its start, a pale strip the 95 % interval of the start. "
+    "Of very many logs some are drawn, spread evenly over their number."
 )
 
 

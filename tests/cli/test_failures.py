@@ -146,11 +146,21 @@ def test_a_closed_output_is_no_fault(tmp_path: Path) -> None:
     assert subprocess.run(["sh", "-c", command], cwd=tmp_path, check=False).returncode == 0
 
 
+def test_an_interrupt_while_a_class_is_made(tmp_path: Path) -> None:
+    """``exec`` of a text, in which dataclasses are made, has ``python -m`` end by the signal itself."""
+    (tmp_path / "interrupted.py").write_text(
+        "import signal\nfrom dynident.cli.failures import interruptible\n"
+        "with interruptible():\n    exec('signal.raise_signal(signal.SIGINT)')\n"
+    )
+    ended = subprocess.run([sys.executable, "-m", "interrupted"], cwd=tmp_path, capture_output=True, check=False)
+    assert (ended.returncode, ended.stderr.decode()) == (130, INTERRUPTED)
+
+
 def test_an_interrupt_from_outside(tmp_path: Path) -> None:
     write_log(tmp_path, n=20_000)
     with command("check", *[configure(tmp_path)] * 500) as process:
         assert process.stdout is not None
-        process.stdout.readline()  # within imports, Python may end by the signal itself
+        process.stdout.readline()
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate()
     assert process.returncode == 130, errors

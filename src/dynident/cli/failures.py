@@ -65,6 +65,8 @@ def interruptible() -> Iterator[None]:
     except KeyboardInterrupt as stop:
         notes = getattr(stop, "__notes__", ["each file is as it was or complete; run the same command again."])
         print_error(one_line(f"Interrupted: {' '.join(notes)}"))
+        # interrupted within ``exec``, as when a dataclass is made, ``python -m`` would end by the signal itself
+        exec("")  # noqa: S102 -- CPython forgets the interrupt
         raise SystemExit(128 + getattr(stop, "number", signal.SIGINT)) from None
     finally:
         for number, handler in previous_handlers.items():

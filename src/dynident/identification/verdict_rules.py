@@ -201,16 +201,15 @@ def _against_use(identification: Identification) -> Iterator[Reason]:
         name for k, name in enumerate(joints) if not any(np.ptp(validation.motion.tau[:, k]) for validation in train)
     ]:
         yield why.SilentTorque(tuple(silent))
+    worst = _worst_log(train)
+    trained, largest = worst.errors.in_fit, max((log.errors.in_fit for log in held_out), default=0.0)
     for log in held_out:
-        yield from _log_reasons(log, max(map(_judged_error, train)))
+        yield from _log_reasons(log, trained)
         if bad := [joint for joint in _imprecise_joints(log) if _is_harmful(identification, log, joint)]:
-            errors = tuple((joint, _joint_errors(log)[joint]) for joint in bad)
+            errors = tuple((joint, log.errors.joints_in_fit[joint]) for joint in bad)
             yield why.JointErrorsTooLarge(log.name, errors, MAX_JOINT_ERROR)
-    worst, largest = max(train, key=_judged_error), max(map(_judged_error, held_out), default=0.0)
-    if (
-        _judged_error(worst) > MAX_TORQUE_ERROR and _judged_error(worst) > MAX_ERROR_RATIO * largest > 0
-    ):  # nan where the held-out torque is zero
-        yield why.TrainedWorse(worst.name, _judged_error(worst), _judged_error(worst) / largest)
+    if trained > MAX_TORQUE_ERROR and trained > MAX_ERROR_RATIO * largest > 0:  # nan where the held-out torque is zero
+        yield why.TrainedWorse(worst.name, trained, trained / largest)
     if identification.mass and not identification.mass.positive:
         yield why.MassMatrixNotPositive(identification.mass.smallest)
     lost, total = _count_unexcited(identification)
@@ -220,7 +219,7 @@ def _against_use(identification: Identification) -> Iterator[Reason]:
 
 def _log_reasons(log: LogValidation, trained: float) -> Iterator[Reason]:
     """Yield the reasons in the torque error of one held-out log; ``trained`` is the error (%) in training."""
-    error = _judged_error(log)
+    error = log.errors.in_fit
     if not error <= MAX_TORQUE_ERROR:
         yield why.TorqueErrorTooLarge(log.name, error, MAX_TORQUE_ERROR)
     if error != log.errors.relative_error and not log.errors.relative_error <= MAX_UNFILTERED_ERROR:
@@ -237,7 +236,7 @@ def _joint_reasons(identification: Identification) -> Iterator[Reason]:
             yield why.AboveFloor(log.name, joints)
     for log in identification.of_role("validation"):
         if weak := [joint for joint in _imprecise_joints(log) if not _is_harmful(identification, log, joint)]:
-            sizes = tuple((joint, _joint_errors(log)[joint], log.errors.rmse[joint]) for joint in weak)
+            sizes = tuple((joint, log.errors.joints_in_fit[joint], log.errors.rmse[joint]) for joint in weak)
             yield why.WeakJoints(log.name, sizes)
 
 
@@ -307,20 +306,20 @@ def _held_out(identification: Identification) -> HeldOut | None:
     held_out = identification.of_role("validation")
     if not held_out:
         return None
-    worst, trained = max(held_out, key=_judged_error), max(identification.of_role("train"), key=_judged_error)
+    worst, trained = map(_worst_log, (held_out, identification.of_role("train")))
     filtered = worst.errors.relative_error_filtered is not None
     unfiltered = (worst.errors.relative_error, trained.errors.relative_error) if filtered else None
-    return HeldOut(_judged_error(worst), _judged_error(trained), unfiltered)
+    return HeldOut(worst.errors.in_fit, trained.errors.in_fit, unfiltered)
 
 
 def _largest_residual(identification: Identification) -> LargestResidual | None:
     """Return the largest torque residual; one that is not white is advice, not a reason."""
     logs = identification.of_role("validation") or identification.of_role("train")
     sizes = [
-        (log.floors.get(joint), log.errors.rmse[joint] * _joint_errors(log)[joint], log, joint, test)
+        (log.floors.get(joint), log.errors.rmse[joint] * log.errors.joints_in_fit[joint], log, joint, test)
         for log in logs
         for joint, test in log.residuals.items()
-        if np.isfinite(_joint_errors(log)[joint]) and np.isfinite(test.lag1)
+        if np.isfinite(log.errors.joints_in_fit[joint]) and np.isfinite(test.lag1)
     ]
     if not sizes:
         return None
@@ -329,18 +328,12 @@ def _largest_residual(identification: Identification) -> LargestResidual | None:
     return LargestResidual(joint, log.name, test.causes, floor, log.over_floor, log.at_floor)
 
 
-def _judged_error(log: LogValidation) -> float:
-    """Return the error (%) that is judged: after the low-pass of the fit, where there is one."""
-    filtered = log.errors.relative_error_filtered
-    return log.errors.relative_error if filtered is None else filtered
-
-
-def _joint_errors(log: LogValidation) -> dict[str, float]:
-    return dict(log.errors.per_joint_filtered or log.errors.per_joint)
+def _worst_log(logs: Sequence[LogValidation]) -> LogValidation:
+    return max(logs, key=lambda log: log.errors.in_fit)
 
 
 def _imprecise_joints(log: LogValidation) -> list[str]:
-    return [joint for joint, error in _joint_errors(log).items() if error > MAX_JOINT_ERROR]
+    return [joint for joint, error in log.errors.joints_in_fit.items() if error > MAX_JOINT_ERROR]
 
 
 def _is_harmful(identification: Identification, log: LogValidation, joint: str) -> bool:

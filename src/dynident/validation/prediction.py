@@ -113,6 +113,16 @@ class TorqueErrors(Noun):
     sensor_noise: Mapping[str, float] = field(default_factory=dict)
 
     @property
+    def in_fit(self) -> float:
+        """The error (%) of all joints as the fit sees it: after its low-pass, where one is used."""
+        return self.relative_error if self.relative_error_filtered is None else self.relative_error_filtered
+
+    @property
+    def joints_in_fit(self) -> Mapping[str, float]:
+        """The same (%) by joint."""
+        return self.per_joint_filtered or self.per_joint
+
+    @property
     def over_noise(self) -> Mapping[str, float]:
         """By joint, the unfiltered error over what the sensors allow, where that is known."""
         return {joint: self.rmse[joint] / size for joint, size in self.sensor_noise.items() if joint in self.rmse}

@@ -15,9 +15,9 @@ from dynident.models import INERTIAL
 from dynident.motion.splines import NORMAL_95
 from dynident.report.identification.report import TONES
 from dynident.report.page import cell, unit_text
+from dynident.report.words import ROLES
 from dynident.runtime import Step, number, percent
 
-ROLES = {"train": "training", "validation": "held out"}
 MIN_ERROR_CHANGE = 5e-3  # points of an error that are no difference
 HELD_OUT = "Choose by the cross-validated error. A held-out error by which many settings are chosen becomes too small."
 STAND_IN = (

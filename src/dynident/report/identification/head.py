@@ -24,7 +24,7 @@ def head_numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
     """
     held_out, train = identification.of_role("validation"), identification.of_role("train")
     logs, role_word = (held_out, "held out") if held_out else (train, "training")
-    log = max(logs, key=_judged_error)
+    log = max(logs, key=lambda log: log.errors.in_fit)
     yield from _floor_ratio(log)
     *numbers, note = _torque_error(held_out, train)
     yield *numbers, note + "; the noise of the sensors is not known" * (log.over_floor is None)
@@ -32,7 +32,7 @@ def head_numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
     if worst is None:
         return
     log, joint = worst
-    size = _joint_errors(log)[joint]
+    size = log.errors.joints_in_fit[joint]
     weight = _effort_share(identification, logs, role_word)
     # A single joint is not named as the worst: the error relative to its effort limit takes the place
     if len(identification.model.joints) > 1:
@@ -50,7 +50,7 @@ def head_numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
 def worst_joint(identification: Identification) -> tuple[LogValidation, str] | None:
     """Return the joint with the largest relative error and its log, a held-out one where there is any."""
     logs = identification.of_role("validation") or identification.of_role("train")
-    worst = _worst(logs, _joint_errors)
+    worst = _worst(logs, lambda log: log.errors.joints_in_fit)
     return None if worst is None else worst[:2]
 
 
@@ -66,13 +66,13 @@ def _floor_ratio(log: LogValidation) -> Iterator[tuple[str, ...]]:
 
 
 def _torque_error(held_out: Sequence[LogValidation], train: Sequence[LogValidation]) -> tuple[str, ...]:
-    trained = max(map(_judged_error, train))
+    trained = max(log.errors.in_fit for log in train)
     if not held_out:
         return "-", "torque error, held out", f"no log was held out; training {number(trained, 3)} %"
-    log = max(held_out, key=_judged_error)
+    log = max(held_out, key=lambda log: log.errors.in_fit)
     low_pass, note = _low_pass_words(log), f"training {number(trained, 3)} %"
     note += f"; as measured {number(log.errors.relative_error, 3)} %" * bool(low_pass)
-    return f"{number(_judged_error(log), 3)} %", f"torque error{low_pass}, held out", note
+    return f"{number(log.errors.in_fit, 3)} %", f"torque error{low_pass}, held out", note
 
 
 def _simulation_error(identification: Identification) -> tuple[str, ...]:
@@ -109,19 +109,9 @@ def _rms(identification: Identification, log: LogValidation, joint: str) -> str:
     return f"{number(log.errors.rmse[joint], 3)} {unit}"
 
 
-def _judged_error(log: LogValidation) -> float:
-    """Return the error that the verdict judges: after the low-pass of the fit, where one is used."""
-    errors = log.errors
-    return errors.relative_error if errors.relative_error_filtered is None else errors.relative_error_filtered
-
-
 def _low_pass_words(log: LogValidation) -> str:
     """Return where the errors that are judged are taken: a title says it, as other numbers are as measured."""
     return "" if log.errors.relative_error_filtered is None else " after the low-pass"
-
-
-def _joint_errors(log: LogValidation) -> dict[str, float]:
-    return dict(log.errors.per_joint_filtered or log.errors.per_joint)
 
 
 def error_lines(identification: Identification) -> Iterator[str]:
@@ -137,6 +127,9 @@ def summary_lines(identification: Identification) -> Iterator[str]:
     yield from error_lines(identification)
     if len(identification.model.joints) > 1 and (worst := worst_joint(identification)) is not None:
         log, joint = worst
-        judged = f" ({number(_joint_errors(log)[joint], 3)} % after the low-pass)" * bool(log.errors.per_joint_filtered)
-        size = f"{number(log.errors.per_joint[joint], 3)} % on {log.name}{judged}"
+        errors = log.errors
+        low_passed = f" ({number(errors.joints_in_fit[joint], 3)} % after the low-pass)" * bool(
+            errors.per_joint_filtered
+        )
+        size = f"{number(errors.per_joint[joint], 3)} % on {log.name}{low_passed}"
         yield f"Worst joint: {joint}, {size}, rms {_rms(identification, log, joint)}"

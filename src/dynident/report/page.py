@@ -279,7 +279,7 @@ def _environment() -> jinja2.Environment:
 @cache
 def plotly_packed() -> str:
     """Return plotly's JavaScript deflated, in base 64: 2 MB of a page in place of 5, which the page inflates."""
-    return b64encode(zlib.compress(_plotly_source().encode(), 9)).decode("ascii")
+    return b64encode(zlib.compress(_plotly_source().encode(), 6)).decode("ascii")
 
 
 def _plotly_source() -> str:

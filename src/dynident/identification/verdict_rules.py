@@ -20,8 +20,8 @@ from dynident.identification.verdict import HeldOut, LargestResidual, Verdict, W
 from dynident.identification.verdict_reasons import Reason
 from dynident.identification.verdict_steps import NextStep, Remedy
 from dynident.models import INERTIAL
-from dynident.motion.log import stack_states, subsample
-from dynident.regression import UnexcitedParameters, repeats_path
+from dynident.motion.log import stack_states, subsample, thin_motions
+from dynident.regression import Regression, UnexcitedParameters, repeats_path
 from dynident.runtime import Finding, InputError, Remark, Use
 from dynident.validation import Driver, FreeRun, LogValidation, NoiseFloor
 
@@ -44,31 +44,23 @@ class ConstraintEffect:
 
 def constraint_effect(identification: Identification) -> ConstraintEffect:
     """Compare an estimate with least squares on samples of the training, each joint weighted by its residual."""
-    motions = identification.training_motions
-    rows = subsample(motions, MAX_SAMPLES)
-    states = stack_states(motions, rows)
-    tau = np.concatenate([motion.tau[k] for motion, k in zip(motions, rows, strict=True)])
+    motions = thin_motions(identification.training_motions, MAX_SAMPLES)
     value, model = identification.estimate.value, identification.model
-    Y = model.regressor(**states)
-    residual = tau - Y @ value
-    noise = np.sqrt(np.mean(residual**2, axis=0))
-    noise[noise == 0] = 1.0
-    is_recorded = [
-        np.ones(tau.shape[1], bool) if motion.keep is None else motion.keep.any(axis=0) for motion in motions
-    ]
-    # A joint that was never recorded must not count in the fit.
-    noise[~np.any(is_recorded, axis=0)] = np.inf
-    X, y = (Y / noise[:, None]).reshape(-1, len(value)), (residual / noise).ravel()
+    factors = Regression(model, motions).triangular_factors
+    noise = np.sqrt(factors.residual(value) / np.maximum(factors.rows, 1))
+    residual = factors.subtract_torque(value).stack(1.0 / np.where(noise > 0, noise, 1.0))
+    X, y = residual[:, :-1], residual[:, -1]
     size = np.linalg.norm(X, axis=0)
     size[size == 0] = 1.0
     # Least squares in the change of the parameters, so that directions without data stay as estimated.
     change = np.linalg.lstsq(X / size, y, rcond=RANK_TOLERANCE)[0] / size
     residual_norm = float(np.linalg.norm(y - X @ change))
-    faster = model.regressor(**states | {"dq": SPEED_FACTOR * states["dq"], "ddq": SPEED_FACTOR**2 * states["ddq"]})
-    torque = float(np.linalg.norm(faster @ value))
+    states = stack_states(motions)
+    states |= {"dq": SPEED_FACTOR * states["dq"], "ddq": SPEED_FACTOR**2 * states["ddq"]}
+    torque, torque_change = (float(np.linalg.norm(model.torque(**states, theta=theta))) for theta in (value, change))
     return ConstraintEffect(
         100.0 * (float(np.linalg.norm(y)) / residual_norm - 1.0) if residual_norm else 0.0,
-        100.0 * float(np.linalg.norm(faster @ change)) / torque if torque else 0.0,
+        100.0 * torque_change / torque if torque else 0.0,
     )
 
 

@@ -279,16 +279,16 @@ def _environment() -> jinja2.Environment:
 @cache
 def plotly_packed() -> str:
     """Return plotly's JavaScript deflated, in base 64: 2 MB of a page in place of 5, which the page inflates."""
-    return b64encode(zlib.compress(_plotly_source().encode(), 6)).decode("ascii")
+    return b64encode(zlib.compress(_plotly_source(), 6)).decode("ascii")
 
 
-def _plotly_source() -> str:
+def _plotly_source() -> bytes:
     """Return plotly's JavaScript: that of the wheel, else that of an installed plotly, which is not imported."""
     for name, folder in (("dynident.report", "templates"), ("plotly", "package_data")):
         spec = find_spec(name)
         if spec and spec.origin and isinstance(spec.loader, ResourceLoader):
             with suppress(OSError):
-                return spec.loader.get_data(str(Path(spec.origin).parent / folder / "plotly.min.js")).decode()
+                return spec.loader.get_data(str(Path(spec.origin).parent / folder / "plotly.min.js"))
     raise InputError(f"the script that draws the figures of reports is missing: {install_command('plotly')}")
 
 

@@ -161,7 +161,7 @@ class _TermSelection:
         """Fit all joints with their columns (m, N); set theta and weights, and return the residuals (N)."""
         no_labels = np.zeros(len(self.samples), dtype=np.intp)
         # Eliminate the columns of each joint, then solve for the parameters that all joints share.
-        grams = [rows.grams(C, no_labels, no_labels, (1, 1)) for rows, C in zip(self.rows, used_columns, strict=True)]
+        grams = [rows.grams([C], no_labels, no_labels, (1, 1)) for rows, C in zip(self.rows, used_columns, strict=True)]
         normals = [
             normal_matrices(joint_grams, range(len(C)), np.ones((1, 1)), w)
             for joint_grams, C, w in zip(grams, used_columns, self.weights, strict=True)
@@ -270,7 +270,7 @@ class _TermSelection:
         """Return the search of each joint with the groups of all kinds."""
         searches = []
         for j, rows in enumerate(self.rows):
-            groups, group_columns = list[TermGroup](), [np.zeros((0, len(self.samples)))]
+            groups, group_columns = list[TermGroup](), list[Array]()
             still_kinds, has_load = PLAIN_KINDS[: 1 if self._is_held(j) else None], self.samples.model.load_mask.any()
             kinds = [kind for kind in self.kinds if not self._is_still(j) or kind.name in still_kinds]
             for kind in (*kinds, *self.ripples[j]):
@@ -278,7 +278,7 @@ class _TermSelection:
                 names = {parameter.name for term in terms for parameter in term.parameters}
                 if terms and not names & set(self.samples.model.names):
                     groups.append(self._group(kind, terms, j, loads, group_columns))
-            grams = self._grams(rows, np.concatenate(group_columns))
+            grams = self._grams(rows, group_columns)
             name = self.samples.model.joints[j].name
             searches.append(
                 JointSearch(name, grams, tuple(groups), self.division, float(self.weights[j]), self.shares.get(j, {}))
@@ -320,7 +320,7 @@ class _TermSelection:
             self._cached_columns[j, term] = columns_of(self.samples, term, j, loads)
         return self._cached_columns[j, term]
 
-    def _grams(self, rows: JointEquations, columns: Array) -> JointGrams:
+    def _grams(self, rows: JointEquations, columns: Sequence[Array]) -> JointGrams:
         return rows.grams(columns, self.block, self.samples.classes(rows.j), (self.samples.blocks, N_CLASSES))
 
     def _is_still(self, j: int) -> bool:
@@ -350,7 +350,7 @@ class _TermSelection:
             group_columns = [self._entered_columns(searches[j], j, loads)]
             groups = [self._group(kind, tuple(kind.sizes(excitation)), j, loads, group_columns) for kind in kinds]
             entered = renumber_columns(searches[j].entered)
-            grams = self._grams(rows, np.concatenate(group_columns))
+            grams = self._grams(rows, group_columns)
             searches[j] = search = replace(
                 searches[j], grams=grams, groups=tuple(groups), entered=list(entered), trials={}
             )
@@ -387,7 +387,7 @@ class _TermSelection:
         # Samples fall into classes by speed, so that every trial speed is a choice of Gram matrices.
         label = np.digitize(speed, TRIAL_SPEEDS)
         F, C = self.samples.blocks, len(TRIAL_SPEEDS) + 1
-        grams = rows.grams(self._entered_columns(joint_search, j, loads), self.block, label, (F, C))
+        grams = rows.grams([self._entered_columns(joint_search, j, loads)], self.block, label, (F, C))
         candidates = CandidateGrams(grams, self._other_normals(searches, j), joint_search.weight)
         eye, errors = np.eye(F), []
         for k in range(C):

@@ -58,9 +58,7 @@ class MotorEquations:
                 equations.usable,
             )
             shape = int(self.block.max()) + 1, N_CLASSES
-            joint_grams.append(
-                weighted.grams(root * np.concatenate([wide, shapes[:, equations.j]]), self.block, label, shape)
-            )
+            joint_grams.append(weighted.grams([root * wide, root * shapes[:, equations.j]], self.block, label, shape))
         return JointGrams(np.add.reduce([grams.triangles for grams in joint_grams]), maps)
 
 

@@ -178,14 +178,14 @@ class JointEquations(Noun):
         return np.asarray(self.tau - (self.maps @ theta) @ self.entries - values @ columns)
 
     def grams(
-        self, columns: Array, block: NDArray[np.intp], label: NDArray[np.intp], shape: tuple[int, int]
+        self, columns: Sequence[Array], block: NDArray[np.intp], label: NDArray[np.intp], shape: tuple[int, int]
     ) -> JointGrams:
-        """Return the Gram matrices with columns (m, N) by block and label (N), whose numbers are ``shape``."""
+        """Return the Gram matrices with columns (each m, N) by block and label (N), whose numbers are ``shape``."""
         # Sort samples by block and class, so that each Gram matrix is one product of contiguous columns.
         key = np.where(self.usable & (block >= 0) & (label >= 0), block * shape[1] + label, -1)
         order = np.argsort(key, kind="stable")
         ends = np.searchsorted(key[order], np.arange(shape[0] * shape[1] + 1))
-        X = np.concatenate([self.entries, columns, self.tau[None]])
+        X = np.concatenate([self.entries, *columns, self.tau[None]])
         parts = (X[:, order[start:stop]] for start, stop in pairwise(ends))
         return JointGrams.of(parts, shape, self.maps)
 

@@ -31,7 +31,7 @@ VENV = ROOT / ".venv"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 EXTRAS = {"reproduce": "symbolic", "tune": "ui"}  # what single commands need, installed when they are called
-PEER = "figaroh==1.0.2"  # with twenty packages of its own
+PEERS = ("figaroh==1.0.2", "mujoco[sysid]==4.0.0")  # with twenty packages of their own
 MUTANTS = ("cosmic-ray==8.7.0", "pytest-cov==7.1.0")
 KERNEL = ROOT / "src" / "dynident" / "runtime" / "kernel"
 # what the kernel computes, for the tests on NumPy and LAPACK
@@ -221,9 +221,9 @@ def docs(_: list[str]) -> None:
 
 
 def bench(arguments: list[str]) -> None:
-    """Run the benchmarks, with a peer where it installs."""
+    """Run the benchmarks, with the peers where they install."""
     try:
-        pip("--constraint", "constraints.txt", PEER)
+        pip("--constraint", "constraints.txt", *PEERS)
     except SystemExit as error:
         print(error, file=sys.stderr)
     run(PYTHON, "benchmarks/run.py", *arguments)

@@ -1,12 +1,12 @@
-"""Measured robots beside others: python3 benchmarks/defaults_peers.py [ROBOT ...] [--peers PYTHON] [--page].
+"""Measured robots beside others: python3 dev.py bench peers [--page], or benchmarks/defaults_peers.py [ROBOT ...].
 
 On the recordings and windows of benchmarks/defaults.py, each fits the training log and predicts the torque of the first
 held-out log, on the same samples: all but those within 0.1 s of its ends, as measured, and both after a low-pass of
 10 Hz. "Least squares" is how most papers do it: positions and torque after a zero-phase low-pass of 10 Hz, differences,
 viscous and Coulomb friction, offset and rotor inertia. FIGAROH 1.0.2 has its own pipeline, at the same cut-off, with 40
 samples a second; ``mujoco.sysid`` fits the inertia of each link, armature, damping, friction loss and a constant to the
-torque of ``mj_inverse``; neither knows coupled motors. Both run in a Python of their own, --peers. All predict on the
-motion that dynident has chosen, so that only parameters differ. Published parameters: benchmarks/published.py.
+torque of ``mj_inverse``; neither knows coupled motors. Both run in processes of their own. All predict on the motion
+that dynident has chosen, so that only parameters differ. Published parameters: benchmarks/published.py.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import argparse
 import json
 import os
 import subprocess
+import sys
 import time
 import warnings
 from pathlib import Path
@@ -24,7 +25,7 @@ from typing import Any
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import numpy as np
-from defaults import MARGIN, configured, digits, found_at
+from defaults import MARGIN, PLACES, configured, digits, found_at
 from defaults_page import FIGURES, draw
 from defaults_robots import ROBOTS
 from page_tables import read_figures, write_figures
@@ -122,7 +123,7 @@ def peer(who: str, python: str, urdf: str, gravity: Any, model: Model, train: Mo
     return [held_out.predict(name, model, value, seconds) for name, value, seconds in named]
 
 
-def measure(name: str, python: str | None) -> list[Row]:
+def measure(name: str, python: str) -> list[Row]:
     """All rows of a robot."""
     robot = ROBOTS[name]
     data = found_at(robot)
@@ -142,11 +143,11 @@ def measure(name: str, python: str | None) -> list[Row]:
             rows.append(held_out.row(f"published ({who})", predicted, None))
         bodies = project.model.terms[0]
         assert isinstance(bodies, RigidBodies)
-        for who, write in {"FIGAROH": urdf_of, "mujoco.sysid": mjcf_of}.items() if python else ():
+        for who, write in {"FIGAROH": urdf_of, "mujoco.sysid": mjcf_of}.items():
             if who == "FIGAROH" and len(model.joints) == 1:
                 rows.append({"who": who, "reason": "its functions take two joints or more"})
                 continue
-            rows += peer(who, str(python), write(bodies), bodies.gravity, model, train, held_out)
+            rows += peer(who, python, write(bodies), bodies.gravity, model, train, held_out)
         if not any(parameter.value for parameter in bodies.parameters):
             rows[-1]["who"] += " (from 1 kg)"  # the file has no masses
     return rows
@@ -155,7 +156,7 @@ def measure(name: str, python: str | None) -> list[Row]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("robots", nargs="*", metavar="ROBOT", help=", ".join(ROBOTS))
-    parser.add_argument("--peers", metavar="PYTHON", help="a Python with figaroh==1.0.2 and mujoco[sysid]==4.0.0")
+    parser.add_argument("--peers", default=sys.executable, metavar="PYTHON", help="one that has both, else this one")
     parser.add_argument("--page", action="store_true", help="keep the figures for docs/defaults.md, and write it")
     options = parser.parse_args()
     figures = read_figures(FIGURES)
@@ -163,6 +164,9 @@ def main() -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             rows = measure(name, options.peers)
+        if not rows:
+            print(f"{name}: no recordings in {' or '.join(map(str, PLACES))}", flush=True)
+            continue
         print(name, *rows, sep="\n", flush=True)
         figures.setdefault("peers", {})[name] = rows
         if options.page:

@@ -1,7 +1,7 @@
 """Speed and memory beside the peers, in one run: python3 dev.py bench [PART ...].
 
-Parts: the tables of performance_measured.md by their names, "marks" for all of these, and "growth" for its plots; all
-where none is named.
+Parts: the tables of performance_measured.md by their names, "marks" for all of these, "growth" for its plots, and
+"peers" for the errors on measured robots beside those of others (defaults_peers.py); all where none is named.
 
 Every work is done in processes of its own, with the kernel, without it and by its peers in turn, with one BLAS thread;
 figures are the best of several repetitions, so that ratios are of the same seconds, and a busy machine disturbs little.
@@ -27,7 +27,8 @@ from measure import Figure, measured
 from page_tables import DOCS, read_figures, write_figures
 from tables import FIGURES, PAGE, page, pictures, summary, table
 
-PARTS = (*TABLES, "growth")
+HERE = Path(__file__).parent
+PARTS = (*TABLES, "growth", "peers")
 FACTS = """
 import json, os, platform, sys, time
 from pathlib import Path
@@ -59,8 +60,13 @@ def main(arguments: list[str] | None = None) -> None:
     if os.name == "nt":
         parser.error("Windows does not tell what a process has used; run the benchmarks on Linux or macOS.")
     file = FIGURES if given.page or given.draw else given.json
+    parts = [part for name in given.parts for part in (TABLES if name == "marks" else [name])] or list(PARTS)
+    if "peers" in parts and not given.draw:
+        subprocess.run([sys.executable, HERE / "defaults_peers.py", *["--page"] * given.page], check=True)
+    if parts == ["peers"]:  # it has a page of its own
+        return
     if not given.draw:
-        bench([part for name in given.parts for part in (TABLES if name == "marks" else [name])] or list(PARTS), file)
+        bench([part for part in parts if part != "peers"], file)
     if given.page or given.draw:
         draw()
 

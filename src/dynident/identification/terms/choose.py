@@ -85,7 +85,7 @@ def choose_terms(
     negative that must not be. Offset and rotor inertia always stay, viscous and Coulomb friction unless they have
     demonstrably no effect; Coulomb friction also where a joint moves one way only, if no other dry friction entered.
 
-    ``min_speed`` (n) is that of the fit, where it is given; else it is chosen by the same folds.
+    ``min_speed`` (n), where not given, is chosen by the same folds; which signs are sharp, by ``JointSearch.sharpen``.
 
     Raises TooFewSamplesError where there are too few samples, and the errors of the terms.
     """

@@ -55,14 +55,6 @@ class TestIdentify:
         for word in ("M", "Fv", "Fc", "kg", "report.html", "result.json"):
             assert word in done.output
 
-    @pytest.mark.parametrize("smoother", [{"kind": "difference"}, {"kind": "butterworth", "cutoffs": [20, 20, 20]}])
-    def test_other_smoothers_and_a_parallel_filter(self, tmp_path: Path, smoother: dict[str, Any]) -> None:
-        write_log(tmp_path)
-        path = configure(tmp_path, smoother=smoother, filter={"decimate": 5}, train=[{"file": "log.csv"}])
-        succeed("identify", path, "--out", tmp_path / "out")
-        (errors,) = errors_by_log(json.loads((tmp_path / "out" / "result.json").read_text()), "train").values()
-        assert errors["relative_error_filtered"] < errors["relative_error"]
-
     def test_a_model_from_a_file(self, tmp_path: Path) -> None:
         write_log(tmp_path)
         (tmp_path / "mine.py").write_text(
@@ -91,18 +83,9 @@ BAD = {  # what is written, what is configured, and what is said
         {"pos": np.where(np.arange(2000) == 700, np.nan, 0.1 * np.sin(np.arange(2000)))}, {},
         ["log.csv", "pos", "702", "nan"],
     ),
-    "repeated times": ({"time": np.repeat(np.arange(1000), 2) * 0.004}, {}, ["log.csv", "time", "repeat"]),
-    "unsorted times": ({"time": np.arange(2000)[::-1] * 0.002}, {}, ["log.csv", "time", "sort"]),
-    "a gap": (
-        {"time": np.arange(2000) * 0.002 + np.where(np.arange(2000) > 600, 0.5, 0.0)}, {}, ["log.csv", "gap", "split"],
-    ),
-    "too few samples": ({"n": 12}, ALL, ["log.csv", "samples"]),
     "a missing file": ({"name": "logs.csv"}, {}, ["log.csv", "logs.csv"]),
     "a wrong column": ({}, {"position": {"slider": {"column": "position", "unit": "m"}}}, ["'position'", "pos"]),
-    "a wrong unit": ({}, {"position": {"slider": {"column": "pos", "unit": "rad"}}}, ["rad", "mm"]),
     "an unknown key": ({}, {"smother": {"kind": "spline"}}, ["smother", "did you mean 'smoother'"]),
-    "an unknown joint": ({}, {"position": {"slyder": {"column": "pos", "unit": "m"}}}, ["slyder", "'slider'"]),
-    "an unknown model": ({}, {"model": "gallery:slidr"}, ["slidr", "did you mean 'slider'"]),
 }  # fmt: skip
 
 
@@ -127,23 +110,6 @@ class TestBadInput:
         log, changes, words = BAD[what]
         write_log(tmp_path, **log)
         self.check(tmp_path, words, **changes)
-
-    @pytest.mark.parametrize(("size", "words"), [(0, "empty"), (30_000, "line")])
-    def test_a_file_that_is_cut_off(self, tmp_path: Path, size: int, words: str) -> None:
-        path = write_log(tmp_path)
-        path.write_text(path.read_text()[:size].rpartition(",")[0])
-        self.check(tmp_path, ["log.csv", words])
-
-    def test_degrees_declared_as_rad(self, tmp_path: Path) -> None:
-        write_log(tmp_path, pos=60 * np.sin(3 * np.arange(2000) * 0.002))
-        channels = {
-            "model": "gallery:pendulum",
-            "position": {"pivot": {"column": "pos", "unit": "rad"}},
-            "torque": {"pivot": {"column": "force", "unit": "N m"}},
-        }
-        self.check(tmp_path, ["deg", "pivot"], **channels)
-        degrees = channels | {"position": {"pivot": {"column": "pos", "unit": "deg"}}}
-        succeed("identify", configure(tmp_path, **degrees))
 
     @pytest.mark.parametrize(
         ("body", "words"),
@@ -220,16 +186,6 @@ class TestFolder:
         assert model_files(out / "result.json", Sources()) == ("edited.urdf",)
         assert model_files(out / "result.json", Sources(model=SourceFile(str(out / "edited.urdf"), ""))) == ()
 
-    def test_the_result_alone_and_moved_is_enough(self, tmp_path: Path) -> None:
-        log = write_log(tmp_path)
-        out = tmp_path / "out"
-        assert run("identify", configure(tmp_path), "--out", out).exit_code == 0
-        (out / "report.html").unlink()
-        (out / "parameters.yaml").write_text("edited by hand")
-        assert run("predict", out / "result.json", log).exit_code == 0
-        (out / "result.json").rename(tmp_path / "moved.json")
-        assert run("predict", tmp_path / "moved.json", log).exit_code == 0
-
     @pytest.mark.skipif(os.name == "nt", reason="kills as POSIX does")
     def test_a_kill_while_files_are_written(self, tmp_path: Path) -> None:
         """At any moment; tests/files/test_folder.py tries them all."""
@@ -267,12 +223,6 @@ def test_the_summary_is_short_and_ends_with_the_verdict(tmp_path: Path) -> None:
     told = succeed("identify", config, "-v").stdout
     assert "Parameters with their standard errors" in told
     assert told.splitlines()[-1].startswith(lines[-1])
-
-
-def test_a_log_that_was_fitted_is_warned_of(tmp_path: Path) -> None:
-    write_log(tmp_path)
-    done = succeed("identify", configure(tmp_path, validation=[{"file": "log.csv", "window": [2, 4]}]))
-    assert "overlaps in time" in done.output
 
 
 class TestWriteConfig:

@@ -60,27 +60,7 @@ class TestReproduce:
         refuse("reproduce", *options, says=words)
 
     @pytest.mark.skipif(os.name == "nt", reason="sends POSIX signals")
-    def test_ctrl_c_while_workers_start(self, tmp_path: Path) -> None:
-        """A terminal sends it to all processes, and those that start have not yet said that they ignore it."""
-        script = (
-            "import os, signal, threading\nfrom concurrent.futures import ThreadPoolExecutor\n"
-            "from dynident.cli import main\nsubmit = ThreadPoolExecutor.submit\n"
-            "def early(*given):\n"
-            "    ThreadPoolExecutor.submit = submit\n"
-            "    threading.Timer(0.1, os.killpg, (os.getpid(), signal.SIGINT)).start()\n"
-            "    return submit(*given)\n"
-            "ThreadPoolExecutor.submit = early\n"
-            f"main(['reproduce', '--workers', '2', '--out', {str(tmp_path)!r}])\n"
-        )
-        words = [sys.executable, "-c", script]
-        done = subprocess.run(words, capture_output=True, text=True, start_new_session=True, timeout=HANGS, check=False)
-        assert done.returncode == 130, done.stderr
-        assert "Traceback" not in done.stderr
-        assert done.stderr.startswith("Interrupted: ")
-
-    @pytest.mark.skipif(os.name == "nt", reason="sends POSIX signals")
-    @pytest.mark.parametrize(("number", "code"), [("SIGTERM", 143), ("SIGKILL", -9)])
-    def test_stopping_loses_nothing_and_leaves_no_process(self, tmp_path: Path, number: str, code: int) -> None:
+    def test_stopping_loses_nothing_and_leaves_no_process(self, tmp_path: Path) -> None:
         script = (
             "from dynident.cli import main\nfrom dynident.files import row_store\nrow_store.SAVE_EVERY = 0.01\n"
             f"main(['reproduce', '--runs', '1000', '--workers', '2', '--out', {str(tmp_path)!r}])\n"
@@ -92,12 +72,11 @@ class TestReproduce:
             table = tmp_path / "study.parquet"
             while not list(parts_folder(table).glob("*.parquet")) and time.monotonic() < deadline:
                 time.sleep(0.02)
-            process.send_signal(getattr(signal, number))
+            process.terminate()
             _, told = process.communicate(timeout=HANGS)
-        assert process.returncode == code
-        if code > 0:
-            assert told == f"Interrupted: Finished rows are kept in {table}; run the same command again to go on.\n"
-            assert [path.name for path in tmp_path.iterdir()] == ["study.parquet"]
+        assert process.returncode == 128 + signal.SIGTERM
+        assert told == f"Interrupted: Finished rows are kept in {table}; run the same command again to go on.\n"
+        assert [path.name for path in tmp_path.iterdir()] == ["study.parquet"]
         with study_table(table) as rows:
             assert len(rows) > 0
 

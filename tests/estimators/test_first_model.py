@@ -26,9 +26,9 @@ from dynident.models import Lagrangian, Model
 from dynident.models.lagrangian import pendulum, two_link_arm
 from dynident.models.simulation import PD, Failure, Function, Recording, Singular, record, simulate, simulate_recording
 from dynident.motion.log import Log, Motion
-from dynident.motion.smoothers import Difference, KalmanSmoother, Smoother, Spline
+from dynident.motion.smoothers import Difference, KalmanSmoother
 from dynident.regression import Regression
-from dynident.runtime import InputError, progress_to
+from dynident.runtime import progress_to
 from dynident.testing.estimator import make_problem, multisine_motion
 from tests.estimators import arms
 
@@ -172,13 +172,6 @@ def test_begins_with_the_fit_that_is_nearest_when_simulated() -> None:
     np.testing.assert_allclose(found.value, TRUTH, rtol=2e-3)
 
 
-def test_begins_with_least_squares_where_this_is_as_near() -> None:
-    motion = swinging()
-    found = OutputError()(Problem(PENDULUM, (motion,), Regression(PENDULUM, (motion,))))
-    assert not [note for note in found.notes if isinstance(note, StartedElsewhere)]
-    np.testing.assert_allclose(found.value, TRUTH, rtol=1e-3)
-
-
 def test_an_open_simulation_starts_from_positions_when_they_were_stamped() -> None:
     motion = swinging()
     log = record(motion, 0.0, 0.0, np.random.default_rng(0)).log
@@ -197,17 +190,6 @@ def swing() -> Recording:
     t = np.arange(751) * 0.004
     motion = simulate(PENDULUM, PENDULUM.values, lambda s: np.array([0.6 * np.sin(2 * s)]), t)
     return record(motion, SIGMA, 0.01, np.random.default_rng(0))
-
-
-def posed(swing: Recording, smoother: Smoother) -> Problem:
-    motion = smoother(swing.log)
-    return Problem(PENDULUM, (motion,), Regression(PENDULUM, (motion,)), (swing.log,))
-
-
-def test_it_is_least_squares_of_the_other_motion(swing: Recording) -> None:
-    expected = LeastSquares(weights="per_joint")(posed(swing, Spline(sigma=SIGMA))).value
-    found = fit_resmoothed(posed(swing, Difference("central")), Spline(sigma=SIGMA))
-    np.testing.assert_allclose(found, expected, rtol=0.02)  # the samples at the ends of differences do not count
 
 
 @pytest.fixture(scope="module")
@@ -234,13 +216,3 @@ def test_what_simulates_starts_there_where_the_first_model_has_no_mass(article_p
     found = AugmentedKalman()(article_problem)
     assert (found.value > 0).all()
     assert (found.std > 0).all()
-
-
-def test_where_that_fails_too_the_first_error_stands(article_problem: Problem) -> None:
-    (motion,) = article_problem.motions
-    wrong = replace(motion, tau=-motion.tau)
-    without = replace(
-        article_problem, logs=(), motions=(wrong,), regression=Regression(article_problem.model, (wrong,))
-    )
-    with pytest.raises(InputError, match="the Kalman filter diverged"):
-        AugmentedKalman()(without)

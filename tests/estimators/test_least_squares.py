@@ -216,15 +216,6 @@ def test_the_weights_reported_are_those_of_the_fit(weights: Literal["equal", "pe
 PROBLEM = make_problem(two_link_arm(), multisine_motion(two_link_arm(), noise=0.01))
 
 
-def test_value_and_information_stand_for_rows() -> None:
-    found, rows = LeastSquares()(PROBLEM), LeastSquares().reduced(PROBLEM)
-    same = estimate_of(
-        PROBLEM, fit_from_information(found.value, np.linalg.inv(found.covariance), rows.directions, rows.total, ())
-    )
-    np.testing.assert_allclose(same.value, found.value, rtol=1e-12)
-    np.testing.assert_allclose(same.covariance, found.covariance, rtol=1e-9)
-
-
 def test_of_directions_that_are_not_determined_nothing_is_said() -> None:
     rows = LeastSquares().reduced(PROBLEM)
     information = np.diag([1.0, 4.0, 0.0, 1.0, 1.0, 1.0, 1.0])

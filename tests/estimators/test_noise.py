@@ -74,13 +74,6 @@ def test_noise_that_two_joints_share_can_be_inverted() -> None:
     assert np.linalg.cond(found) < 1e4
 
 
-def test_the_noise_of_a_problem_is_that_of_its_joints() -> None:
-    problem = noisy(COLOURED, 0, 20_000)
-    found = Residuals.of(problem.regression, ARM.values, np.zeros(2)).noise(20, 7)  # type: ignore[arg-type]
-    assert found.orders == (2, 1)
-    np.testing.assert_allclose(found.covariance, S, rtol=0.05)
-
-
 def test_a_residual_of_rounding_is_no_noise() -> None:
     problem = noisy(COLOURED, 0)
     found = Residuals.of(problem.regression, ARM.values, np.array([1.0, 0.0])).noise(20, 7)  # type: ignore[arg-type]

@@ -7,15 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from dynident.estimators import (
-    Constraints,
-    PsdConstraint,
-    bodies_of,
-    estimate_sizes,
-    interval_limit,
-    mass_constraints,
-    physical_constraints,
-)
+from dynident.estimators import bodies_of, estimate_sizes, mass_constraints, physical_constraints
 from dynident.models import INERTIAL, Model, Parameter, RigidBodies
 from dynident.models.lagrangian import two_link_arm
 from dynident.motion.log import Motion
@@ -52,29 +44,6 @@ def test_a_model_without_bodies_has_a_mass_matrix() -> None:
     assert found.select_family("viscous friction").matrices == ()
     bodies = mass_constraints(single(None), np.zeros((1, 6)))
     assert (bodies.bodies, len(bodies.matrices)) == ((), 1)
-
-
-def test_sides_of_limits_are_numbers_that_must_be_positive() -> None:
-    """Open sides give none; equalities are left to whoever can hold them."""
-    parameters = two_link_arm().parameters
-    limit = interval_limit("bounds", parameters, {0: (1.0, 3.0), 1: (None, 2.0), 2: (4.0, 4.0)})
-    theta = np.arange(1.0, 1.0 + len(parameters))
-    found = Constraints((limit,)).scalar_constraints(theta, np.eye(len(theta))[:, :2])
-    moved = [float(one.at(np.array([0.5, -1.0]))[0, 0, 0]) for one in found]
-    assert moved == pytest.approx([0.5, 1.5, 1.0])  # 1.5 - 1, 3 - 1.5, 2 - 1
-    assert all(
-        name in one.label for name, one in zip((parameters[0].name,) * 2 + (parameters[1].name,), found, strict=True)
-    )
-
-
-def test_psd_constraints_of_bodies_hold_the_margin() -> None:
-    model = single(None)
-    found = Constraints(bodies=physical_constraints(model, np.zeros((1, 1))).bodies, margin=0.1)
-    theta = random_body(np.random.default_rng(1))
-    (one,) = found.psd_constraints(theta, np.eye(len(theta)))
-    assert isinstance(one, PsdConstraint)
-    np.testing.assert_allclose(one.constant[0], found.bodies[0].scaled_inertia(theta) - 0.1 * np.eye(4))
-    assert float(np.linalg.eigvalsh(one.constant)[0, 0]) == pytest.approx(-found.violation(theta))
 
 
 @pytest.mark.parametrize(

@@ -45,14 +45,6 @@ def test_prior_decides_only_what_the_data_leave_free(distance: Any, truth: Array
         assert min(x.consistency.eigenvalues.values()) > 1e-6
 
 
-@pytest.mark.parametrize("distance", ["euclidean", "entropic"])
-def test_prior_that_agrees_with_the_data_is_the_answer(distance: Any) -> None:
-    both = np.concatenate((BODY, random_body(np.random.default_rng(2))))
-    model, _ = pair(BODY, both[10:])
-    found = PhysicallyConsistent(distance=distance)(problem(model, both))
-    np.testing.assert_allclose(found.value, both, atol=1e-8)
-
-
 def test_distances_are_least_where_they_should_be() -> None:
     """Neither distance can be lessened by moving along the free directions."""
     rng = np.random.default_rng(8)

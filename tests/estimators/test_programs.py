@@ -1,4 +1,4 @@
-"""The conic program and the way from inside: where both work they find the same, and where the solver fails."""
+"""Conic programs: optima known by hand, contradictions, the way from inside, and where the solver fails."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from dynident.estimators import (
     LeastSquares,
     PhysicallyConsistent,
     Problem,
+    PsdConstraint,
     bodies_of,
     estimate_sizes,
     interval_limit,
@@ -23,12 +24,59 @@ from dynident.estimators import (
     sign_limits,
 )
 from dynident.estimators import programs as staged
-from dynident.estimators.cone import Optimum
+from dynident.estimators.cone import Optimum, minimise, nearest_feasible
 from dynident.estimators.least_squares import joint_weights, weight_joints
 from dynident.estimators.notes import ConstraintsCostly
+from dynident.models import Parameter
 from dynident.regression import Regression, rank_of
 from dynident.runtime import ConfigError, ModelError
 from tests.estimators.arms import arm, error, problem
+
+XYZ = tuple(Parameter(name, "") for name in "xyz")
+HESSIAN = np.array([[2.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 4.0]])
+COST = np.array([-1.0, -2.0, 8.0])
+ZERO, WHOLE = np.zeros(3), np.eye(3)
+
+
+def test_limits_hold_where_they_act_and_only_there() -> None:
+    """x >= 1, y = 0.5, z <= 5: the first two act, and z is free at -2."""
+    limit = interval_limit("bounds", XYZ, {0: (1.0, None), 1: (0.5, 0.5), 2: (None, 5.0)})
+    found = minimise(HESSIAN, COST, Constraints((limit,)), ZERO, WHOLE)
+    np.testing.assert_allclose(found.point, [1.0, 0.5, -2.0], atol=1e-6)
+    assert found.is_optimal
+    assert found.stationarity < 1e-7
+    assert found.gap < 1e-7
+    shifted = minimise(HESSIAN, COST, Constraints((limit,)), np.array([-2.0, 0.5, 1.0]), np.diag([2.0, 1.0, 1.0]))
+    np.testing.assert_allclose(shifted.point[:2], [1.5, 0.0], atol=1e-6)
+
+
+def test_constraints_that_contradict_each_other_are_named_and_no_others() -> None:
+    limits = (
+        interval_limit("bounds", XYZ, {0: (3.0, None), 2: (0.0, None)}),
+        interval_limit("others", XYZ, {0: (None, 1.0), 1: (0.0, None)}),
+    )
+    with pytest.raises(ConfigError, match=r"contradict each other: x >= 3; x <= 1\. Relax or drop"):
+        minimise(HESSIAN, COST, Constraints(limits), ZERO, WHOLE)
+
+
+def test_a_matrix_must_stay_positive() -> None:
+    """[[x, 1], [1, y]] with the least x + y is [[1, 1], [1, 1]]."""
+    slopes = np.zeros((1, 2, 2, 3))
+    slopes[0, 0, 0, 0] = slopes[0, 1, 1, 1] = 1.0
+    held = PsdConstraint(slopes, offset=np.array([[[0.0, 1.0], [1.0, 0.0]]]))
+    found = minimise(np.diag([0.0, 0.0, 1.0]), np.array([1.0, 1.0, 0.0]), Constraints(matrices=(held,)), ZERO, WHOLE)
+    np.testing.assert_allclose(found.point, [1.0, 1.0, 0.0], atol=1e-4)
+
+
+def test_the_nearest_feasible_point_keeps_the_slack() -> None:
+    """The eigenvalue that is negative is lifted to the slack, the others stay."""
+    slopes = np.zeros((1, 2, 2, 3))
+    slopes[0, 0, 0, 0] = slopes[0, 1, 1, 1] = 1.0
+    found = nearest_feasible(np.array([2.0, -1.0, 7.0]), HESSIAN * np.eye(3), [slopes], [0.25])
+    np.testing.assert_allclose(found, [2.0, 0.25, 7.0], atol=1e-5)
+    never = np.zeros((1, 1, 1, 3))
+    with pytest.raises(ModelError, match="no parameters are physical"):
+        nearest_feasible(np.ones(3), np.eye(3), [slopes, never], [0.0, 0.5])
 
 
 def program(posed: Problem) -> tuple[staged.Information, Constraints]:

@@ -79,12 +79,6 @@ def test_consistent_with_honest_errors(torque):
     assert 0.89 < np.mean(inside) < 0.995  # of 120
 
 
-def test_it_becomes_exact_with_more_data():
-    far, near = (abs(stated((0.3, 0.1))(noisy((0.3, 0.1), 0.05, 3, n)).value[0] - 2.0) for n in (500, 200_000))
-    assert near < 0.004
-    assert near < far
-
-
 def test_without_errors_it_is_least_squares():
     problem = noisy((0.0, 0.0), 0.05)
     plain = LeastSquares(weights="per_joint")(problem)
@@ -188,14 +182,6 @@ def test_errors_that_are_drawn_are_as_large_as_the_true_ones(smoother, sigma):
         near = 1.4 if smoother is Spline else 2.5  # another smoother has another shape than a spline's
         ratio = made[motion.mask].std() / true[motion.mask].std()
         assert 1 / near < ratio < near, (name, ratio)
-
-
-def test_shifted_positions():
-    log = recorded(2e-3)
-    motion = Spline(sigma=1.8e-3)(log)
-    late = motion.shift(0.02)
-    near, far = motion_noise(log, motion), motion_noise(log, late, 0.02)
-    np.testing.assert_allclose(far.cutoff, near.cutoff, rtol=0.15)
 
 
 def test_few_samples_show_nothing():

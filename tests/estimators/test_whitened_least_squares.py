@@ -16,7 +16,6 @@ from dynident.estimators import (
     WeightedLeastSquares,
 )
 from dynident.estimators.notes import ErrorsInRegressor, NotConverged, StillColoured, WhiteningCostly
-from dynident.models.lagrangian import slider
 from dynident.regression import ParallelFilter, Regression, Selection
 from dynident.runtime import ConfigError, Note, Use
 from dynident.testing.estimator import make_problem, multisine_motion
@@ -45,13 +44,6 @@ def test_the_noise_is_found_and_nothing_is_to_be_noted() -> None:
     np.testing.assert_allclose(noise.covariance, COLOURED.covariance, rtol=0.06)
     assert found.notes == ()
     np.testing.assert_allclose(found.residual.sigma, [0.0204, 0.0281], rtol=0.2)  # N m, not whitened
-
-
-def test_logs_are_not_joined() -> None:
-    together, order = noisy(COLOURED, 2, 800, count=3), (2, 0, 1)
-    turned = make_problem(ARM, *(together.motions[k] for k in order))
-    one, other = GeneralisedLeastSquares()(together), GeneralisedLeastSquares()(turned)
-    np.testing.assert_allclose(other.value, one.value, rtol=1e-7)
 
 
 def test_an_error_of_the_model_is_said_and_does_little_harm() -> None:
@@ -88,14 +80,6 @@ def test_with_independent_noise_it_is_least_squares_weighted_by_joint() -> None:
     np.testing.assert_allclose(found.std, plain.std, rtol=1e-3)
     assert found.residual.whitening is not None
     assert not found.residual.whitening.mixes
-
-
-def test_one_joint_is_plain_least_squares() -> None:
-    one = slider(values=(5.0, 8.0, 3.0, 0.5))
-    given = make_problem(one, multisine_motion(one, noise=0.1))
-    found, plain = WeightedLeastSquares()(given), LeastSquares()(given)
-    np.testing.assert_allclose(found.value, plain.value, rtol=1e-9)
-    np.testing.assert_allclose(found.covariance, plain.covariance, rtol=1e-9)
 
 
 def test_an_arm_whose_parameters_are_not_all_determined() -> None:

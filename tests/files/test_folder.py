@@ -62,13 +62,6 @@ def test_a_folder_is_made_and_kept_only_for_results(tmp_path: Path) -> None:
     assert content(tmp_path / "a" / "b") == NEW
 
 
-def test_a_folder_on_the_way_that_is_not_there_is_not_needed(tmp_path: Path) -> None:
-    write_new(tmp_path / "x" / ".." / "y")
-    write_whole(tmp_path / "x" / ".." / "z" / "r.txt", b"x")
-    assert sorted(content(tmp_path / "y")) == sorted(NEW)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["y", "z"]
-
-
 @pytest.mark.parametrize("name", ["a\0b", "x" * 300])
 def test_a_name_that_no_folder_can_have(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match=r"nothing can be written here|is no name of a file"):

@@ -12,13 +12,6 @@ import pytest
 
 from dynident.files.results import probe_folder, read_table, write_json, write_table, write_text
 from dynident.runtime import InputError
-from tests.files.test_folder import failing
-
-
-def test_text_is_written_with_its_folders(tmp_path):
-    path = write_text(tmp_path / "a" / "b" / "c.txt", "ü\n")
-    assert path.read_bytes() == "ü\n".encode()
-    assert os.listdir(path.parent) == ["c.txt"]
 
 
 def test_json_keeps_values_and_turns_non_finite_numbers_to_null(tmp_path):
@@ -33,30 +26,11 @@ def test_a_table_comes_back(tmp_path, name):
     assert read_table(write_table(tmp_path / name, frame)).equals(frame)
 
 
-def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
-    path = write_text(tmp_path / "r.json", "old")
-    monkeypatch.setattr(os, "fsync", failing(28, "No space left on device"))
-    with pytest.raises(InputError, match="cannot be written: No space left on device"):
-        write_text(path, "new")
-    assert path.read_text() == "old"
-    assert os.listdir(tmp_path) == ["r.json"]
-
-
 def test_values_that_json_cannot_hold_touch_no_file(tmp_path):
     path = write_text(tmp_path / "r.json", "old")
     with pytest.raises(TypeError):
         write_json(path, {"a": object()})
     assert path.read_text() == "old"
-
-
-def test_an_interrupted_write_leaves_no_temporary_file(tmp_path, monkeypatch):
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(os, "replace", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        write_text(tmp_path / "r.txt", "new")
-    assert os.listdir(tmp_path) == []
 
 
 def test_the_rights_are_those_of_an_ordinary_file(tmp_path):
@@ -84,11 +58,6 @@ def test_a_damaged_table_is_an_input_error(tmp_path, name, data):
     (tmp_path / name).write_bytes(data)
     with pytest.raises(InputError, match="not a readable table"):
         read_table(tmp_path / name)
-
-
-def test_a_missing_table_is_an_input_error(tmp_path):
-    with pytest.raises(InputError, match="there is no such file"):
-        read_table(tmp_path / "t.csv")
 
 
 def test_a_folder_is_probed_without_a_trace(tmp_path):

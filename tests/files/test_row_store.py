@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import threading
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -96,13 +95,6 @@ def test_a_later_row_replaces_an_earlier_one_wherever_that_is(path: Path) -> Non
     assert sorted(runs(pl.read_parquet(path))) == [0, 1, 2, 3, 4]
 
 
-def test_only_the_rows_of_some_keys(path: Path) -> None:
-    keys = pl.DataFrame([key(1), key(3), key(9)], schema={name: SCHEMA[name] for name in KEY}, orient="row")
-    with store(path) as table:
-        table.add([row(run) for run in range(5)])
-        assert sorted(runs(table.table(keys))) == [1, 3]
-
-
 def test_no_row_is_written_twice_before_the_end(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The cost of saving a row does not depend on how many there are."""
     written: list[int] = []
@@ -135,22 +127,6 @@ def test_many_rows_do_not_wait(path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         assert len(parts(path)) == 2
         assert len(table._new) == 5
     assert runs(pl.read_parquet(path)) == list(range(25))
-
-
-@pytest.mark.parametrize("stop", [KeyboardInterrupt, ValueError])
-def test_whatever_stops_a_run_its_rows_are_kept(path: Path, stop: type[BaseException]) -> None:
-    def stopped() -> None:
-        with store(path) as table:
-            table.add([row(0)])
-            table.save()
-            table.add([row(1)])
-            raise stop
-
-    with pytest.raises(stop):
-        stopped()
-    assert runs(pl.read_parquet(path)) == [0, 1]
-    assert list(path.parent.iterdir()) == [path]
-    assert not [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer) and thread.is_alive()]
 
 
 @pytest.mark.parametrize("is_written", [False, True])

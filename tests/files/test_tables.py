@@ -186,19 +186,6 @@ def test_any_text_gives_a_table_or_an_explanation(tmp_path, text, width):
     reads_or_explains(written(tmp_path, "fuzz.csv", text.encode("utf-8", "surrogatepass")), width)
 
 
-@FUZZ
-@given(
-    kind=st.sampled_from(list(BINARIES)),
-    place=st.floats(0, 1, exclude_max=True),
-    junk=st.binary(min_size=1, max_size=8),
-    cut=st.booleans(),
-)
-def test_damage_to_a_sound_file_is_explained(tmp_path, kind, place, junk, cut):
-    data = BINARIES[kind]
-    at = int(place * len(data))
-    reads_or_explains(written(tmp_path, f"fuzz{kind}", data[:at] + junk + (b"" if cut else data[at + len(junk) :])))
-
-
 def test_where_nothing_is_to_choose_from_none_is_offered(tmp_path):
     with pytest.raises(InputError, match=r"there is no such file\.$"):
         read_columns(tmp_path / "arm.csv")

@@ -18,7 +18,7 @@ from dynident.identification import Recipe, identify
 from dynident.models import Joint
 from dynident.models.lagrangian import slider
 from dynident.motion.log import Log
-from dynident.motion.smoothers import Spline, TimeShifted, strip_time_offset
+from dynident.motion.smoothers import Spline, strip_time_offset
 from dynident.project.config import load_model, parse_config
 from dynident.project.export import IdentifiedModel, Numpy, export, random_states
 from dynident.project.project import build_recipe
@@ -81,14 +81,6 @@ def test_a_smoother_of_a_file_identifies(folder: Path) -> None:
     assert repr(strip_time_offset(saved.recipe.smoothers[0])) == "SavitzkyGolay(width=0.08, order=4)"
 
 
-def test_a_mistake_in_it_is_an_error_with_its_place(folder: Path) -> None:
-    done = CliRunner().invoke(
-        main, ["identify", str(slide(folder, smoother={"kind": "sg.py:SavitzkyGolay", "width": -1}))]
-    )
-    assert done.exit_code == 1
-    assert "smoother.width: should be greater than 0; got -1" in done.output
-
-
 def test_an_estimator_of_a_file_identifies(folder: Path) -> None:
     path = slide(folder, estimator={"kind": "huber.py:Huber", "k": "1.5"})
     recipe = build_recipe(parse_config(path.read_text(), folder))
@@ -133,19 +125,6 @@ def test_a_term_of_a_file_remembers(folder: Path) -> None:
     log = Log(motion.t, motion.q, sliding.torque(**motion.states(), theta=theta), motion.joints)
     found = identify(sliding, [log], (), Recipe(Spline(sigma=1e-6)))
     np.testing.assert_allclose(found.estimate.value, theta, rtol=0.02)
-
-
-def test_terms_of_the_library_take_settings(folder: Path) -> None:
-    terms = ["rotor", {"kind": "coulomb", "dead_band": 0.01}, "offset"]
-    config = yaml.safe_load(slide(folder).read_text()) | {
-        "model": {"file": "arm.urdf", "terms": terms, "coulomb_width": 0.1}
-    }
-    model = load_model(parse_config(yaml.safe_dump(config), folder).model, folder)
-    coulomb = model.terms[2]
-    assert (coulomb.dead_band, coulomb.width) == (0.01, 0.0)
-    config["model"]["terms"] = ["rotor", "coulom"]
-    with pytest.raises(ConfigError, match=r"model.terms\[1\]: 'coulom' is not a choice; did you mean 'coulomb'"):
-        parse_config(yaml.safe_dump(config), folder)
 
 
 def test_a_reader_of_a_package_reads(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,15 +188,6 @@ def test_a_search_uses_the_estimator_itself_or_its_stand_in() -> None:
     bare = PhysicallyConsistent(margin=1e-4, costs=False, prior="any", strength=0.0)
     assert PhysicallyConsistent(margin=1e-4).quick() == bare
     assert isinstance(MaximumLikelihood().quick(), LeastSquares)
-
-
-def test_a_motion_knows_its_time_offset() -> None:
-    motion = multisine_motion(slider(values=(5.0, 8.0, 3.0, 0.5)))
-    log = Log(motion.t, motion.q, motion.tau, motion.joints)
-    assert Spline()(log).time_offset == 0.0
-    assert TimeShifted(Spline(), 0.003)(log).time_offset == 0.003
-    assert TimeShifted(TimeShifted(Spline(), 0.003), -0.001)(log).time_offset == pytest.approx(0.002)
-    assert strip_time_offset(TimeShifted(TimeShifted(Spline(), 0.003), -0.001)) == Spline()
 
 
 def test_weights_of_samples_are_those_of_rows() -> None:

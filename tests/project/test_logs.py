@@ -76,33 +76,6 @@ def test_channels_are_linear_maps_in_declared_units(tmp_path):
     np.testing.assert_allclose(log.tau[:, 0], 500 * np.sin(k))
 
 
-def test_several_files_make_one_log(tmp_path):
-    written(tmp_path, "q.txt", "\n".join(str(np.sin(0.1 * k)) for k in range(80)))
-    written(tmp_path, "c.txt", recording().replace(",", "\t").splitlines()[0] + "\n" + "\n".join(["0\t0\t1"] * 40))
-    config = parse_config(
-        """
-        model: gallery:two_link_arm
-        time: {rate: 50}
-        position: {a: {column: pos.0, unit: rad}, b: {column: pos.1, unit: deg}}
-        torque: {a: {column: cur.tau, unit: Nm}, b: {column: cur.q, unit: Nm}}
-        train: [{file: {pos: q.txt, cur: c.txt}, width: {pos: 2}}]
-        """,
-        tmp_path,
-    )
-    reading = read_logs(config.train[0], config, (Joint("b"), Joint("a")))
-    (log,) = reading.logs
-    assert log.joints == ("b", "a")
-    np.testing.assert_allclose(log.q[:, 1], np.sin(0.1 * np.arange(0, 80, 2)))
-    np.testing.assert_allclose(log.q[:, 0], np.deg2rad(np.sin(0.1 * np.arange(1, 80, 2))))
-    np.testing.assert_allclose(log.t[:2], [0, 0.02])
-    assert sum("torque is" in warning for warning in reading.warnings) == 2
-
-
-def test_windows_cut_and_name_the_logs(tmp_path):
-    reading = read(tmp_path, recording(), spec=", window: [[0, 0.5], [1, null]]")
-    assert [(log.source, len(log)) for log in reading.logs] == [("a 0-0.5 s", 51), ("a 1-end", 100)]
-
-
 def test_bad_samples_outside_the_window_do_not_matter(tmp_path):
     text = recording(q=lambda k: "" if k < 20 else np.sin(0.02 * k))
     assert len(read(tmp_path, text, spec=", window: [0.2, 1.5]").logs[0]) == 131
@@ -147,36 +120,6 @@ def test_samples_are_equally_spaced_where_the_stamps_only_jitter(tmp_path):
         read(tmp_path, text, head=spacing("sometimes"))
 
 
-def test_a_controller_keeps_the_rows_of_its_references_on_equal_spacing(tmp_path):
-    jitter = 0.002 * np.random.default_rng(0).uniform(-1, 1, 200)
-    k = np.arange(200)
-    data = npz(t=0.01 * k + jitter, x=np.sin(0.02 * k), f=np.cos(0.03 * k), r=np.arange(200.0))
-    written(tmp_path, "a.npz", data)
-    config = parse_config(
-        """
-        model: gallery:slider
-        time: {column: t, unit: s}
-        position: {slider: {column: x, unit: m}}
-        torque: {slider: {column: f, unit: N}}
-        train: [{file: a.npz, window: [0.5, 1.5]}]
-        simulation: {kind: cascade, joints: {slider: {reference: {column: r, unit: m}, kp: 1, kv: 1, gain: 1}}}
-        """,
-        tmp_path,
-    )
-    reading = read_logs(config.train[0], config, SLIDER)
-    (log,) = reading.logs
-    assert "equally spaced" in reading.warnings[0]
-    wanted = [log.controller(t, np.zeros(1), np.zeros(1))[0] for t in log.t]
-    np.testing.assert_array_equal(np.diff(wanted), 1.0)
-    rows = log.controller.t[(log.controller.t >= log.t[0]) & (log.controller.t <= log.t[-1])]
-    np.testing.assert_array_equal(rows, log.t)
-    assert (np.diff(log.controller.t) > 0).all()
-
-
-def test_a_window_past_the_end_is_a_warning(tmp_path):
-    assert "extends beyond the recording" in read(tmp_path, recording(), spec=", window: [0, 3]").warnings[0]
-
-
 def test_gaps_can_be_split(tmp_path):
     text = recording(t=lambda k: k * 0.01 + (k >= 50) + (k >= 60))
     reading = read(tmp_path, text, "gaps: split")
@@ -199,11 +142,6 @@ def test_rows_right_after_the_previous_one_are_dropped_or_kept(tmp_path):
         read(tmp_path, text, "close_stamps: keep")
     kept = read(tmp_path, recording(t=lambda k: k * 0.01 + (k == 51) * (1e-8 - 0.01)), "close_stamps: keep")
     assert len(kept.logs[0]) == 200
-
-
-def test_a_joint_that_may_turn_without_end(tmp_path):
-    head = HEAD.replace("unit: rad}}", "unit: rad, multi_turn: true}}")
-    assert read(tmp_path, recording(q=lambda k: 90 * np.sin(0.02 * k)), head=head).warnings == ()
 
 
 BAD_DATA = {
@@ -247,11 +185,6 @@ def test_columns_of_different_lengths_are_refused(tmp_path):
 def test_gaps_that_leave_nothing_are_refused(tmp_path):
     with pytest.raises(InputError, match="leave no piece long enough"):
         read(tmp_path, recording(t=lambda k: k * 0.01 + k // 20), "gaps: split")
-
-
-def test_channels_are_checked_against_the_joints(tmp_path):
-    with pytest.raises(ConfigError, match="there is no joint 'elbow'"):
-        read(tmp_path, recording(), joints=(Joint("wrist"),))
 
 
 def test_a_recording_of_which_several_parts_are_used_is_read_once(tmp_path, monkeypatch):

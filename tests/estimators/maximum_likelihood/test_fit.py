@@ -65,14 +65,6 @@ def test_reaches_the_bound(name: str, level: float) -> None:
     np.testing.assert_allclose(runs[0].residual.sigma, scenario.sigma_tau, rtol=0.05)
 
 
-def test_follows_the_transient_better_than_free_torques_allow() -> None:
-    found = estimate("stated", 1e-8, 0, start="rest")
-    scenario = SCENARIOS["stated"]
-    least = np.sqrt(np.diag(cramer_rao_bound(ARM, TRUE, scenario.truth, 1e-4, scenario.sigma_tau, rest=True)))
-    assert found.std[1] < 0.6 * least[1]
-    assert abs(found.value[1] - TRUE[1]) < 4 * found.std[1]
-
-
 def test_huber_bounds_outliers() -> None:
     log, rng = recording("stated", 1e-6, 1), np.random.default_rng(2)
     hit = rng.random(log.tau.shape) < 0.02
@@ -192,12 +184,6 @@ class TestBodies:
         assert found.converged
         assert not any(isinstance(note, SmoothSigns) for note in found.notes)
 
-    def test_a_motion_that_was_smoothed_too_much_does_not_widen_the_knots(self) -> None:
-        usual, smooth = (MaximumLikelihood()(self.problem(0.02, factor)) for factor in (1.0, 6.0))
-        basis = structural_base_parameters(self.arm(0.02))
-        apart = basis.combination @ (smooth.value - usual.value)
-        assert (np.abs(apart) < 0.1 * informed_std(basis, usual.information)).all()
-
     def test_a_start_inside_stays_where_the_conic_solver_stops_halfway(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """A body on the edge asks for more room; what the solver left unfinished is outside."""
         given = self.problem(0.02)
@@ -237,12 +223,6 @@ def axes(
     log = Log(t[:, 0], q + 1e-4 * (a > 0) * rng.standard_normal(q.shape), tau, tuple(one.name for one in joints))
     motions = (Spline()(log),)
     return Problem(model, motions, Regression(model, motions), (log,))
-
-
-def test_a_joint_that_stands_still_does_not_spoil_the_other() -> None:
-    found, other = MaximumLikelihood()(axes(0.3, 1.0, (1.0, 0.0))), [0, 2, 4]
-    assert found.determined.rank < 6
-    assert (np.abs(found.value[other] - (0.5, 0.3, 1.0)) < 4 * found.std[other]).all()
 
 
 def test_few_samples_do_not_make_wide_knots_look_right() -> None:
@@ -325,18 +305,6 @@ def test_a_fit_is_searched_once_more_unless_it_is_both(
     monkeypatch.setattr(fit._LikelihoodRun, "restart", lambda _, fitted: asked.append(fitted) or fitted)
     fit._LikelihoodRun.begin(MaximumLikelihood(rounds=1), given, LeastSquares()(given)).fit_rounds()
     assert len(asked) == (not (converged and determined))
-
-
-class TestPhysics:
-    def test_the_articles_arm(self) -> None:
-        arm = two_link_arm()
-        log = SCENARIOS["stated"].record(1e-8, np.random.default_rng(0)).log
-        barrier = Barrier(psd_constraints(arm, [log], np.asarray(arm.values)))
-        assert barrier.is_inside(np.asarray(arm.values))
-        for k, value in ((0, -1e-2), (1, -1e-3), (5, -0.1), (6, -0.1)):
-            theta = np.array(arm.values)
-            theta[k] = value
-            assert not barrier.is_inside(theta), arm.names[k]
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-4])

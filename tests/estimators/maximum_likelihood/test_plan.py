@@ -8,14 +8,8 @@ import numpy as np
 import pytest
 
 from dynident.estimators import Problem
-from dynident.estimators.maximum_likelihood import (
-    has_sign,
-    plan_segment,
-    torque_steps,
-    whiteness_probability,
-    with_smooth_signs,
-)
-from dynident.estimators.maximum_likelihood.plan import _interpolate, estimate_noise, misfit, recordings
+from dynident.estimators.maximum_likelihood import has_sign, plan_segment, torque_steps, with_smooth_signs
+from dynident.estimators.maximum_likelihood.plan import estimate_noise, misfit, recordings
 from dynident.estimators.notes import Averaged
 from dynident.models import CoupledMotor, Joint, Model
 from dynident.models.friction import Coulomb, Power, Stribeck, Viscous
@@ -25,12 +19,6 @@ from dynident.runtime import InputError
 
 
 class TestPlan:
-    def test_finds_steps_and_no_others(self, rng: np.random.Generator) -> None:
-        t = np.arange(2000) * 0.01
-        tau = np.stack([np.sin(t), np.where(t >= 7.0, 3.0, -1.0)], axis=1) + 0.1 * rng.standard_normal((2000, 2))
-        log = Log(t, np.zeros_like(tau), tau, ("a", "b"))
-        assert torque_steps(log, np.full(2, 0.1)) == pytest.approx((7.0,))
-
     def test_outliers_are_no_steps(self, rng: np.random.Generator) -> None:
         t = np.arange(4000) * 0.0025
         tau = np.stack([6 * np.sin(t), np.where(t >= 7.0, 3.0, -1.0)], axis=1) + 0.1 * rng.standard_normal((4000, 2))
@@ -46,11 +34,6 @@ class TestPlan:
         knots = plan_segment(log, (), 20.0, np.array([0.01, 0.01]), from_rest=True).torque_knots
         assert [np.diff(x)[[0, -1]] for x in knots] == [pytest.approx(0.01 * x) for x in spacing]
 
-    def test_whiteness(self, rng: np.random.Generator) -> None:
-        white = rng.standard_normal((4000, 2))
-        assert whiteness_probability(white, 0) > 1e-3
-        assert whiteness_probability(white + 0.3 * np.sin(np.arange(4000) / 50)[:, None], 0) < 1e-6
-
 
 MODEL = Model((Viscous((Joint("a"), Joint("b"))),))
 
@@ -65,15 +48,6 @@ def posed(*sizes: int, min_speed: tuple[float, float] | None = None) -> Problem:
     return Problem(
         MODEL, tuple(motions), Regression(MODEL, tuple(motions), selection=Selection(min_speed=min_speed)), logs
     )
-
-
-def test_the_usual_acceleration_is_ten_deviations_of_the_motion_where_it_is_largest() -> None:
-    given = posed(60, 80)
-    found, notes = recordings(given, None, steps=False)
-    expected = 10 * np.max([np.std(one.ddq, axis=0) for one in given.motions], axis=0)
-    np.testing.assert_allclose(found.usual_acceleration, expected, rtol=1e-9)
-    assert notes == []
-    assert found.steps == ((), ())
 
 
 @pytest.mark.parametrize(("rate", "group"), [(100.0, 1), (99.0, 2), (34.0, 3), (33.0, 1)])
@@ -155,13 +129,3 @@ class TestFriction:
         np.testing.assert_allclose(ratio, np.tanh(1.0))
         np.testing.assert_array_equal(columns[1], sharp.regressor(*states)[0, 1])
         assert np.isfinite(soft.partials(*(np.zeros((1, 2)),) * 3, np.ones(6)).dq).all()
-
-
-@pytest.mark.parametrize(
-    ("x", "slope", "y"),
-    [(1.0, 1.0, 2.0), (1.5, 1.0, 2 * np.exp(0.25)), (5.0, 1.0, 2 * np.exp(2)), (99.0, 1.0, 2 * np.exp(6)),
-     (1.5, -1.0, 1.5), (0.0, 1.0, 1.0), (0.5, 1.0, 1.5), (0.5, 3.0, 1.25), (0.25, 3.0, 1.15625)],
-)  # fmt: skip
-def test_a_curve_goes_on_straight_downwards_and_exponentially_upwards(x: float, slope: float, y: float) -> None:
-    """From (0, 1) with slope 1 to (1, 2), between which it is a cubic."""
-    assert _interpolate((0.0, 1.0, 1.0), (1.0, 2.0, slope), x) == pytest.approx(y)

@@ -1,17 +1,103 @@
-"""The choice of knots by white positions, else by the torque; intervals from the profile of the likelihood."""
+"""The line search, the choice of knots by white positions, else by the torque, and intervals from the likelihood."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
+from dynident.apps.article import SCENARIOS
 from dynident.estimators import Barrier
-from dynident.estimators.maximum_likelihood import LikelihoodSearch, NewtonSettings, Recordings, Sigma
-from dynident.estimators.maximum_likelihood.equations import Hypothesis, scores
+from dynident.estimators.maximum_likelihood import (
+    Likelihood,
+    LikelihoodSearch,
+    NewtonSettings,
+    Recordings,
+    Sigma,
+    newton,
+    plan_segment,
+)
+from dynident.estimators.maximum_likelihood.equations import Hypothesis, RegressorColumns, SearchPoint, scores
 from dynident.estimators.maximum_likelihood.plan import crossing, sweep_intervals
-from dynident.models.lagrangian import slider
+from dynident.models.lagrangian import slider, two_link_arm
 from dynident.motion.log import Log
 from dynident.motion.splines import NORMAL_95
+
+
+class Along:
+    """A cost of theta (1) alone, infeasible from ``edge`` on; ``trials`` are the values of theta tried."""
+
+    segments = ()
+
+    def __init__(self, cost: Callable[[float], float], edge: float = np.inf) -> None:
+        self.cost, self.edge, self.trials = cost, edge, list[float]()
+
+    def point(self, states: tuple[()], theta: np.ndarray) -> SearchPoint | None:
+        self.trials.append(float(theta[0]))
+        return None if theta[0] >= self.edge else SearchPoint(states, theta, self.cost(float(theta[0])))
+
+    def trajectory_equations(self, *_: object) -> tuple[()]:
+        return ()
+
+
+def step_of(theta: list[float], pull: list[float], decrement: float) -> newton._NewtonStep:
+    """Return a step of theta alone, whose gradient is minus ``pull``."""
+    none = np.zeros((0, 0))
+    return newton._NewtonStep(np.array(theta), (), (), decrement, none, none, np.array(pull))
+
+
+def improved(along: Along, slope: float, decrement: float) -> float | None:
+    """Return where a step of one from zero leads, at which the cost falls by ``slope``."""
+    start, step = SearchPoint((), np.zeros(1), along.cost(0.0)), step_of([1.0], [slope], decrement)
+    found = newton._improve(along, start, step, None)[1]
+    return None if found is None else float(found.theta[0])
+
+
+def test_a_step_ends_at_the_minimum_of_a_parabola() -> None:
+    along = Along(lambda x: (x - 4) ** 2)
+    assert improved(along, 8.0, 8.0) == 4.0
+    assert along.trials == [1.0, 4.0]
+
+
+def test_a_step_that_gains_what_is_expected_is_not_adjusted() -> None:
+    along = Along(lambda x: (x - 1) ** 2)
+    assert improved(along, 2.0, 2.0) == 1.0
+    assert along.trials == [1.0]
+
+
+def test_a_step_is_not_adjusted_to_beyond_the_edge_of_what_is_feasible() -> None:
+    along = Along(lambda x: -x, edge=3.0)
+    assert improved(along, 1.0, 1.0) == 1.0
+    assert along.trials == [1.0, newton.MAX_STEP_LENGTH]
+
+
+def test_conjugate_steps_find_the_minimum_of_a_quadratic_in_as_many_as_it_has_unknowns() -> None:
+    H, x, before = np.array([[3.0, 1.0, 0.2], [1.0, 2.0, 0.5], [0.2, 0.5, 0.7]]), np.array([3.0, -2.0, 5.0]), None
+    for _ in range(3):
+        pull = (-H @ x).tolist()
+        before = step_of(pull, pull, float(x @ H @ H @ x)).conjugate(before)
+        x = x + before.theta * (before.descent @ before.theta) / (before.theta @ H @ before.theta)
+    np.testing.assert_allclose(x, 0.0, atol=1e-12)
+
+
+def test_the_end_is_near_the_limit_and_does_not_depend_on_the_tolerance() -> None:
+    arm, theta = two_link_arm(), np.asarray(two_link_arm().values)
+    log = SCENARIOS["stated"].record(1e-6, np.random.default_rng(0)).log.window(stop=2.0)
+    one, sigma = plan_segment(log, (), 40.0, np.full(2, 0.1), from_rest=True), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+    likelihood = Likelihood(arm, (one,), sigma, Barrier(), np.eye(7), RegressorColumns.all(7))
+    states = (one.initial_state(sigma.q, np.full(2, 30.0)),)
+    limit, rough = (
+        newton.maximise(likelihood, states, 1.05 * theta, newton.NewtonSettings(tolerance, newton=False))
+        for tolerance in (1e-9, 1e-4)
+    )
+    assert rough.converged
+    assert rough.iterations < limit.iterations
+    std = np.sqrt(np.diag(np.linalg.inv(limit.information)))
+    np.testing.assert_allclose((rough.theta - limit.theta) / std, 0.0, atol=1e-3)
+    for a, b in zip(rough.extrapolate((one,), rough.theta), rough.states, strict=True):
+        np.testing.assert_allclose(a.C, b.C, rtol=0, atol=1e-9)
+
 
 THETA = np.array([2.0, 1.0, 0.5, 0.1])
 
@@ -73,15 +159,6 @@ class TestProfile:
         ends = [crossing(lambda y: ((y - 1) / size, 1 / size), size, side) for side in (-1, 1)]
         assert ends == pytest.approx([1 - NORMAL_95 * size, 1 + NORMAL_95 * size], rel=1e-3)
 
-    @pytest.mark.parametrize("size", [0.1, 0.5, 1.0])
-    def test_a_parabola_in_the_logarithm(self, size: float) -> None:
-        ends = [crossing(lambda y: (np.log(y) / size, 1 / (size * y)), size, side) for side in (-1, 1)]
-        assert np.log(ends) / size == pytest.approx([-NORMAL_95, NORMAL_95], rel=0.02)
-
-    def test_a_deviance_that_stays_low(self) -> None:
-        """Nothing near zero tells it from the estimate: the interval goes nearly to zero."""
-        assert 0 < crossing(lambda y: (y - 1, 1.0), 1.0, -1) < 0.01
-
     def test_what_physics_ends(self) -> None:
         """The end is not beyond where trials fail."""
         failed = []
@@ -107,15 +184,6 @@ class TestProfile:
 
         found = crossing(root, 0.4, side)
         assert min(first[:2]) < found < max(first[:2])
-
-    @pytest.mark.parametrize("count", [0, 1, 2, 5])
-    def test_swept_intervals_of_a_normal_likelihood_are_symmetric(self, count: int) -> None:
-        covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
-        theta = np.array([3.0, 7.0])
-        path = [(r, theta + r * covariance[:, 0] / 2) for r in np.linspace(-2, 2, count + 1)[1:]]
-        found = sweep_intervals(theta, path, covariance, 0)
-        expected = theta[:, None] + NORMAL_95 * np.array([[-2.0, 2.0], [-1.0, 1.0]])
-        np.testing.assert_allclose(found, expected, rtol=1e-3)
 
     def test_a_fit_as_likely_as_the_estimate_does_not_bend_the_valley(self) -> None:
         covariance = np.array([[4.0, 1.5], [1.5, 1.0]])

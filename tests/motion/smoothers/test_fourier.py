@@ -1,12 +1,21 @@
-"""Fourier series of logs: what is found of motion that repeats, and what is said of motion that does not."""
+"""Fourier series: sums of harmonics and their noise; motion that repeats, and what is said of motion that does not."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from dynident.motion.log import Log, Motion
-from dynident.motion.smoothers import FourierSeries, Smoother, Spline
+from dynident.motion.log import Log
+from dynident.motion.smoothers import FourierSeries, Smoother
+from dynident.motion.smoothers.harmonics import (
+    choose_by_bic,
+    factor_of,
+    fit_series,
+    highest_harmonic,
+    noise_power,
+    sample_products,
+    series_values,
+)
 from dynident.runtime import InputError, MissingInputError
 
 JOINTS = ("a", "b", "c")
@@ -60,13 +69,6 @@ def test_noise_that_does_not_repeat_is_told_from_motion_that_does() -> None:
     motion = FourierSeries(2.0)(log(arm(T, 2.0) + 2e-3 * slow[:, None]))
     assert motion.smoothing["sigma"][0] == pytest.approx(np.hypot(1e-3, 2e-3 * slow.std()), rel=0.25)
     assert max(motion.smoothing["whiteness"]) < 1e-6
-
-
-def test_the_acceleration_is_better_than_that_of_a_spline() -> None:
-    data, (w, other) = log(arm(T)), (2 * np.pi / 3.7, 6 * np.pi / 3.7)
-    true = -(w**2) * np.sin(w * T) - 0.2 * other**2 * np.cos(other * T + 1)
-    errors = [np.std((one.ddq[:, 0] - true)[one.mask]) for one in (FourierSeries()(data), Spline()(data))]
-    assert errors[0] < errors[1] / 10
 
 
 @pytest.mark.parametrize("given", [None, 2.3])
@@ -140,13 +142,6 @@ def test_one_period_is_enough_where_it_is_known() -> None:
         FourierSeries(20.0)(log(arm(T, 7.4)))
 
 
-def test_as_it_was_used_it_leaves_out_the_same_ends() -> None:
-    motion: Motion = FourierSeries()(log(arm(np.clip(T, 1.0, 9.0), 2.3)))
-    used = FourierSeries().as_used(motion)
-    assert used.settle == (motion.smoothing["start"], motion.smoothing["stop"])
-    assert used.harmonics == dict(zip(JOINTS, (3, 5, 4), strict=True))
-
-
 @pytest.mark.parametrize("samples", [3, 4, 5])
 def test_a_few_samples_are_refused(samples: int) -> None:
     short: list[Smoother] = [FourierSeries(), FourierSeries(0.02)]
@@ -163,3 +158,87 @@ def test_settings_that_the_log_refuses() -> None:
             FourierSeries(period)(log(arm(T)))
     with pytest.raises(InputError, match=r"too short"):
         FourierSeries(3.7, settle=(9.0, 9.0))(log(arm(T)))
+
+
+EVEN = 3.0 + 0.01 * np.arange(5000)  # more than are summed at once
+
+
+def design(t: np.ndarray, period: float, harmonics: int) -> np.ndarray:
+    w = 2 * np.pi / period * t
+    return np.column_stack(
+        [np.ones_like(t), *(f(k * w) for k in range(1, harmonics + 1) for f in (np.cos, np.sin))],
+    )
+
+
+def test_noise_is_amplified_as_known() -> None:
+    """Of a series of H harmonics over N samples, q has the variance sigma^2 (2 H + 1) / N, and ddq sigma^2 2 / N times
+    the sum of (k w)^4: the sums of squares of what it makes of each sample."""
+    w, H, N = 2 * np.pi / 2.0, 4, 400
+    t = np.arange(N) * 0.01
+    q, _, ddq = np.square(fit_series(t, np.eye(N), 2.0, H)(t)).sum(axis=2)
+    np.testing.assert_allclose(q, (2 * H + 1) / N, rtol=1e-9)
+    np.testing.assert_allclose(ddq, 2 / N * np.sum((np.arange(1, H + 1) * w) ** 4), rtol=1e-9)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.95])
+def test_the_noise_of_a_harmonic_is_found_between_them(rho: float) -> None:
+    """The mean of |c_k|^2 over many series is that of the estimates, but for what a slope of the spectrum makes of
+    neighbouring lines; for white and for coloured noise."""
+    rng, N = np.random.default_rng(3), 2000
+    t, e = np.arange(N) * 0.01, rng.normal(size=(N, 400))
+    for k in range(1, N):
+        e[k] += rho * e[k - 1]
+    series = fit_series(t, e, 4.0, 12)
+    stated = noise_power(t, e - series(t, 0)[0], 4.0, 12)
+    seen = np.square(np.abs(series.coefficients))
+    ratio = stated[1:].mean(axis=1) / seen[1:].mean(axis=1)
+    assert 0.85 < ratio.mean() < 1.25
+    assert np.abs(np.log(ratio)).max() < 0.4
+    assert (choose_by_bic(series, stated, N) == 0).mean() > 0.95
+
+
+def test_a_line_that_stands_out_is_seen_and_noise_is_none() -> None:
+    t, e = np.arange(2000) * 0.01, np.random.default_rng(4).normal(size=(2000, 50))
+    assert highest_harmonic(t, e, 3.7, 100) == 0
+    e[:, 7] += np.sin(2 * np.pi * 61 / 3.7 * t)
+    assert highest_harmonic(t, e, 3.7, 100) == 61
+    assert highest_harmonic(t, np.zeros((2000, 1)), 3.7, 100) == 0
+
+
+def times(kind: str) -> np.ndarray:
+    uneven = EVEN + 0.004 * np.random.default_rng(0).uniform(size=5000)
+    return {"even": EVEN, "uneven": uneven, "gap": np.where(EVEN > 20.0, EVEN + 3.3, EVEN), "late": EVEN + 1e9}[kind]
+
+
+@pytest.mark.parametrize("kind", ["even", "uneven", "gap"])
+def test_sums_are_plain_sums(kind: str) -> None:
+    t, rng = times(kind), np.random.default_rng(1)
+    turn = np.exp(2j * np.pi / 7.3 * np.outer(t - 20.0, np.arange(60)))
+    c, x = rng.normal(size=(60, 2)) + 1j * rng.normal(size=(60, 2)), rng.normal(size=(5000, 3))
+    np.testing.assert_allclose(series_values(t, c, 7.3, 20.0), (turn @ c).real, atol=1e-9)
+    np.testing.assert_allclose(sample_products(t, x, 7.3, 20.0, 60), turn.conj().T @ x, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["even", "uneven", "gap"])
+def test_each_column_has_its_own_number_of_harmonics(kind: str) -> None:
+    """By one factor, each as by the dense design of its own number."""
+    t, each = times(kind)[:900], np.array([0, 3, 40, 17])
+    q = np.random.default_rng(2).normal(size=(900, 4))
+    found = fit_series(t, q, 4.1, each)(t, 0)[0]
+    for j, count in enumerate(each):
+        X = design(t, 4.1, count)
+        np.testing.assert_allclose(found[:, j], X @ np.linalg.lstsq(X, q[:, j])[0], atol=1e-9)
+
+
+def test_times_from_anywhere_are_even() -> None:
+    """Seconds since 1970 are rounded to 1e-7 s, which is no unevenness."""
+    late = times("late")
+    assert factor_of(late, 7.3, 30).sines is not None
+    c = np.ones((31, 1), dtype=complex)
+    np.testing.assert_allclose(series_values(late, c, 7.3, 1e9), series_values(EVEN, c, 7.3, 0.0), atol=1e-4)
+
+
+def test_samples_that_do_not_determine_it_are_refused() -> None:
+    for t in (EVEN[:30], times("uneven")[:30]):
+        with pytest.raises(np.linalg.LinAlgError):
+            factor_of(t, 7.3, 20)

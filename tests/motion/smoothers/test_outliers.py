@@ -29,11 +29,6 @@ def changed(name: str, rows: slice | list[int], joint: int, value: float, *, add
     return Log(T, x if name == "q" else one.q, x if name == "tau" else one.tau, one.joints)
 
 
-def test_a_clean_log_is_left_alone() -> None:
-    one = log()
-    assert repair_log(one, torque=True) is one
-
-
 def test_a_spike_of_the_position_is_replaced_and_its_row_not_fitted_for_any_joint() -> None:
     clean = repair_log(changed("q", [900], 1, 0.5, add=True), torque=True)
     assert clean.keep is not None
@@ -67,13 +62,6 @@ def test_suspect_torques_are_not_kept_where_asked() -> None:
     assert np.argwhere(~clean.keep).tolist() == [[700, 0]]
     assert np.array_equal(clean.tau, one.tau)
     assert repair_log(one, torque=False) is one
-
-
-def test_clipped_torques_are_suspects() -> None:
-    one = log()
-    tau = np.clip(one.tau, -3.0, 3.0)
-    seen = suspects(Log(T, one.q, tau, one.joints))
-    assert np.array_equal(seen.torque_clipped, np.abs(tau) == 3.0)
 
 
 def test_a_motion_of_other_samples_than_the_log_is_refused() -> None:

@@ -12,7 +12,6 @@ from dynident.motion.smoothers.periodic_fit import (
     fit_periodic,
     likely_periods,
     misfit,
-    periods_in,
     refine_period,
     scatter,
 )
@@ -101,10 +100,6 @@ def test_scatter_is_that_of_the_noise_whether_or_not_samples_fall_on_samples(ste
     t = np.arange(20_000) * step
     q = 5 * np.sin(2 * np.pi * t / 2.0) * (step == 0.01) + 0.3 * np.random.default_rng(0).standard_normal(20_000)
     assert scatter(t, q[:, None], 2.0)[0] == pytest.approx(0.3, rel=0.02)
-
-
-def test_periods_are_counted_by_what_samples_stand_for() -> None:
-    assert periods_in(np.arange(800) * 0.01, 4.0) == pytest.approx(2.0)
 
 
 def test_steps_of_an_encoder_that_repeat_are_no_harmonics() -> None:

@@ -24,7 +24,7 @@ from dynident.motion.splines import (
     noise_sigma,
     smooth,
 )
-from dynident.motion.splines.banded import Grid, IllConditionedError, Solution, System, second_difference
+from dynident.motion.splines.banded import Grid, IllConditionedError, Solution, System
 from dynident.motion.splines.compiled import (
     BareProblem,
     Solver,
@@ -52,75 +52,6 @@ def kernel_level(level: str) -> Iterator[None]:
 def steps(n: int, spread: float, rng: np.random.Generator) -> np.ndarray:
     step = np.exp(spread * rng.standard_normal(n - 1))
     return step / step.mean()
-
-
-def trials(n: int, count: int, spread: float, weighted: bool, p: np.ndarray, seed: int) -> list[SplineTrial]:
-    rng = np.random.default_rng(seed)
-    grid = Grid(steps(n, spread, rng))
-    out = []
-    for k in range(count):
-        variance = np.exp(rng.uniform(-2, 2, n)) if weighted else None
-        y = np.sin(np.arange(n) * (k + 1) / 7) + 0.1 * rng.standard_normal(n)
-        out.append(SplineTrial(BareProblem(System(grid, variance), second_difference(y, grid.step)), float(p[k])))
-    return out
-
-
-def changed(asked: list[SplineTrial], **what: bool) -> list[SplineTrial]:
-    return [SplineTrial(one.series, one.p, **what) for one in asked]
-
-
-@compiled_only
-@settings(max_examples=60, deadline=None)
-@given(
-    n=st.integers(3, 60),
-    count=st.integers(1, 20),
-    spread=st.sampled_from([0.0, 0.2, 1.0]),
-    weighted=st.booleans(),
-    p=st.lists(st.floats(-25.0, 6.0), min_size=20, max_size=20),
-    seed=st.integers(0, 2**20),
-)
-def test_solutions_are_those_of_lapack(
-    n: int, count: int, spread: float, weighted: bool, p: list[float], seed: int
-) -> None:
-    asked = trials(n, count, spread, weighted, np.exp(p), seed)
-    solver = Solver()
-    for one, (found, expected) in zip(asked, pairs(solver, changed(asked, refine=True)), strict=True):
-        if isinstance(expected, IllConditionedError) or isinstance(found, IllConditionedError):
-            continue  # at the limit of double precision either may fail, but says so
-        np.testing.assert_allclose(found.u, expected.u, atol=1e-11 * np.linalg.norm(expected.u))
-        np.testing.assert_allclose(found.rss, expected.rss, rtol=1e-10)
-        assert found.residual < max(1e-9, 10 * expected.residual)
-        assert found.p == one.p
-    condition = 1e-15 * np.minimum(n, np.exp(-np.array(p) / 4)) ** 4 * np.exp(8 * spread) * (50 if weighted else 1)
-    for k, (found, expected) in enumerate(pairs(solver, changed(asked, trace=True, determinant=True))):
-        if isinstance(expected, Solution) and isinstance(found, Solution) and condition[k] < 1e-6:
-            rtol = 1e-11 + 100 * condition[k]
-            whole = expected.rss + expected.p * expected.energy
-            np.testing.assert_allclose(found.rss, expected.rss, atol=rtol * whole)
-            np.testing.assert_allclose(found.slope * found.rss, expected.slope * expected.rss, atol=2 * rtol * whole)
-            np.testing.assert_allclose(found.energy, expected.energy, rtol=rtol, atol=rtol * whole / found.p)
-            np.testing.assert_allclose(found.log_det, expected.log_det, atol=rtol * n * 10)
-            np.testing.assert_allclose([found.rise, found.bend], [expected.rise, expected.bend], atol=rtol * n)
-
-
-def pairs(solver: Solver, asked: list[SplineTrial]) -> list[tuple[compiled.Answer, compiled.Answer]]:
-    """Answers of the kernel and of LAPACK."""
-    with kernel_level("off"):
-        expected = Solver()(asked)
-    return list(zip(solver(asked), expected, strict=True))
-
-
-@compiled_only
-@pytest.mark.parametrize("n", [4, 5, 12, 13, 200])
-def test_a_series_has_the_same_bits_alone_and_beside_others(n: int) -> None:
-    asked = trials(n, 11, 0.3, True, np.exp(np.linspace(-12, 3, 11)), 0)
-    for what in ({"refine": True}, {"trace": True, "determinant": True}):
-        together = Solver()(changed(asked, **what))
-        for one, found in zip(changed(asked, **what), together, strict=True):
-            (alone,) = Solver()([one])
-            for name in ("rss", "residual", "accuracy", "slope", "energy", "rise", "bend"):
-                np.testing.assert_array_equal(getattr(alone, name), getattr(found, name), err_msg=name)
-            np.testing.assert_array_equal(alone.u, found.u)
 
 
 @compiled_only
@@ -260,23 +191,6 @@ def test_the_noise_is_that_of_numpy(n: int, weights: int | None, columns: int) -
     with kernel_level("off"):
         np.testing.assert_allclose(found, noise_sigma(t, y, weight), rtol=1e-12)
     np.testing.assert_array_equal(noise_sigma(t, y[:, 0], None if weight is None else weight[:, 0]), found[0])
-
-
-@compiled_only
-@pytest.mark.parametrize("n", [5, 254, 255, 256, 257, 258, 259, 600])
-@pytest.mark.parametrize("columns", [1, 3, 7, 8, 11])
-@pytest.mark.parametrize("weighted", [False, True])
-def test_what_lies_side_by_side_is_finished_as_what_does_not(n: int, columns: int, weighted: bool) -> None:
-    rng = np.random.default_rng(n)
-    grid, y = Grid(steps(n, 0.5, rng)), rng.standard_normal((n, columns))
-    systems = [System(grid, rng.uniform(0.5, 2, n) if weighted else None) for _ in range(columns)]
-    unit = rng.uniform(0.5, 2, columns).tolist()
-    lanes = [rng.standard_normal((n, Solver().lanes)) for _ in range(0, columns, Solver().lanes)]
-    u = [part[1:-1, j] for part in lanes for j in range(Solver().lanes)][:columns]
-    for some in (u, [u[0].copy(), *u[1:]], [*u[:-1], u[-1].copy()]):
-        expected = spline_values(y, systems, [np.ascontiguousarray(one) for one in u], unit, unit)
-        for one, other in zip(spline_values(y, systems, some, unit, unit), expected, strict=True):
-            np.testing.assert_array_equal(one, other)
 
 
 @compiled_only

@@ -97,14 +97,6 @@ def test_coloured_noise_is_seen_in_what_was_smoothed_away(rho: float) -> None:
     np.testing.assert_allclose(sigma, 1e-3, rtol=0.15)
 
 
-def test_where_nothing_was_smoothed_away_the_noise_is_white() -> None:
-    t = np.arange(500) * 0.01
-    y = np.sin(t)[:, None] + 1e-3 * np.random.default_rng(0).standard_normal((500, 1))
-    sigma, rho = coloured_noise(t, y, 0 * y, np.zeros(1))
-    np.testing.assert_array_equal(sigma, noise_sigma(t, y))
-    assert rho == 0.0
-
-
 def test_coloured_noise_is_read_above_twice_the_cut_off_alone() -> None:
     """A tone below twice the cut-off, where motion is left in the residual, changes nothing; one above it does."""
     n, h = 4000, 4e-3

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.ndimage import maximum_filter1d
 
-from dynident.motion.splines import bridge_gaps, frozen_samples, median_sigma, spikes, torn_ends, trailing_maximum
+from dynident.motion.splines import bridge_gaps, frozen_samples, median_sigma, spikes, torn_ends
 from dynident.motion.splines.spikes import LOCAL_NOISE_FACTOR, NOISE_BLOCK, _candidates, _increment
 
 T = np.arange(5000) * 1e-3
@@ -163,11 +162,3 @@ def test_the_noise_nearby_is_the_largest_of_three_blocks(samples: int) -> None:
     around = [max(spread[k - 1], spread[k], spread[(k + 1) % len(spread)]) for k in range(len(spread))]
     _, nearby = _candidates(t, x)
     assert nearby == pytest.approx(LOCAL_NOISE_FACTOR * np.repeat(around, [len(block) for block in blocks]), rel=1e-6)
-
-
-@pytest.mark.parametrize("size", [1, 2, 3, 7, 8, 13])
-@pytest.mark.parametrize("n", [5, 40])
-def test_the_largest_of_the_samples_up_to_each(size: int, n: int) -> None:
-    x = np.random.default_rng(0).standard_normal(n)
-    expected = maximum_filter1d(x, size, origin=(size - 1) // 2)
-    np.testing.assert_array_equal(trailing_maximum(x, size), expected)

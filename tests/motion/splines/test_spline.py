@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.interpolate import CubicSpline, make_smoothing_spline
+from scipy.interpolate import CubicSpline
 
 from dynident.motion.splines import GCV, REML, Constraint, Fixed, Interpolation, Rule, SmoothingSpline, smooth
 from dynident.runtime import ConfigError, InputError
@@ -81,17 +81,6 @@ def test_the_second_derivative_is_as_accurate_as_is_stated(kind: str, weighted: 
             assert np.linalg.norm(fit.derivative(2) - exact) <= fit.accuracy * np.linalg.norm(exact)
             longest = max(longest, float(fit.accuracy))
     assert longest < (1e-11 if kind != "wilder" else 1e-9)
-
-
-@pytest.mark.parametrize("kind", ["uniform", "wild"])
-def test_fixed_lam_agrees_with_scipy(kind: str) -> None:
-    t, y = series(kind=kind)
-    weights = np.random.default_rng(0).uniform(0.5, 2, len(t))
-    fit, peer = smooth(t, y, Fixed(lam=1e-4), weights=weights), make_smoothing_spline(t, y, weights, lam=1e-4)
-    x = np.sort(np.random.default_rng(1).uniform(t[0], t[-1], 500))
-    for order in range(4):
-        expected = peer.derivative(order)(x) if order else peer(x)
-        np.testing.assert_allclose(fit(x, order), expected, atol=1e-6 * np.abs(expected).max())
 
 
 def test_interpolation_is_the_natural_cubic_spline() -> None:
@@ -190,12 +179,6 @@ def test_outside_the_data() -> None:
     assert not fit(beyond, 3, extrapolate=True).any()
 
 
-def test_noise_is_recovered() -> None:
-    t, y = series(n=4000, sigma=1e-2)
-    for rule in (GCV(), REML()):
-        assert smooth(t, y, rule, sigma=1e-2).noise == pytest.approx(1e-2, rel=0.05)  # 4.5 standard deviations
-
-
 @pytest.mark.parametrize(
     ("t", "y", "error", "words"),
     [
@@ -219,6 +202,7 @@ def test_bad_data(t: list[float], y: list[float], error: type[Exception], words:
         (Constraint(S=-1), {}, "S is -1"),
         (Constraint(S=np.nan), {}, "S is nan"),
         (Constraint(S=[1.0, 2.0]), {"columns": 3}, "S has 2 entries"),
+        (Constraint(S=[]), {}, "S has no entries"),
         (Fixed(lam=-1.0), {}, "lam is -1"),
         (Constraint(), {"sigma": 0.0}, "sigma is 0.0"),
         (Constraint(), {"sigma": [1.0, -1.0], "columns": 2}, "must be positive"),

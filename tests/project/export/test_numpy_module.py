@@ -11,7 +11,7 @@ import pytest
 import sympy as sp
 
 from dynident.models import Joint, Lagrangian, Model, Parameter, RigidBodies, Term, Unknown
-from dynident.models.friction import Coulomb, Dahl, LoadCoulomb, LoadViscous, PerJoint, Viscous
+from dynident.models.friction import Dahl, LoadCoulomb, LoadViscous, PerJoint, Viscous
 from dynident.models.lagrangian import MODELS, pendulum
 from dynident.project.export import IdentifiedModel, Numpy, Yaml, export, identified_module, random_states
 from dynident.runtime import ModelError
@@ -43,22 +43,6 @@ def test_it_needs_only_numpy(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == ["(3,) False", "expected arrays (3,) or (N, 3), alike, got (2,)"]
-
-
-def test_names_are_quoted():
-    joint = Joint('"""; raise SystemExit  #\n')
-    model = Model((Viscous((joint,)),), name="'''\"\"\"\n")
-    namespace = {}
-    exec(identified_module(IdentifiedModel(model, np.array([2.0]))).text, namespace)
-    assert namespace["JOINTS"] == (joint.name,)
-    assert namespace["friction"](np.array([3.0])) == 6.0
-
-
-def test_two_frictions_of_one_joint_are_both_kept():
-    joints = (Joint("a"),)
-    terms = (Coulomb(joints, width=0.1), Coulomb(joints, names=("second",), dead_band=0.2), Viscous(joints))
-    one = IdentifiedModel(Model(terms), np.array([1.0, 10.0, 100.0]))
-    assert export(one, Numpy(), random_states(1, np.random.default_rng(0), 50)).ready
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,10 @@ from dynident.models import Model, RigidBodies, RotorInertia, consistency_violat
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.models.simulation import record, simulate
 from dynident.motion.smoothers import Spline
-from dynident.project.export import IdentifiedModel, Mjcf, Numpy, Urdf, export, exports, identified_urdf, random_states
+from dynident.project.export import IdentifiedModel, Urdf, export, exports, identified_urdf, random_states
 from dynident.project.export.written import place_values
 from dynident.runtime import ConfigError, ModelError
-from tests.project.export.arms import arm
-from tests.robots import ARM_MJCF, joint, link, urdf
+from tests.robots import joint, link, urdf
 
 ROTORS = (0.5, 0.6, 0.3, 0.1, 0.08, 0.05)
 PLACES = (
@@ -108,24 +107,6 @@ def test_nothing_moves_where_nothing_is_to_be_gained(armature):
     one = six_axes(rotors=np.zeros(6))
     assert place_values(one, armature=armature) is one
     assert place_values(six_axes(), armature=True).value.tolist() == six_axes().value.tolist()
-
-
-def test_impossible_bodies_are_left_as_they_are():
-    one = six_axes()
-    value = one.value.copy()
-    value[0] = -1.0
-    assert place_values(wrong := replace(one, value=value), armature=False) is wrong
-
-
-def test_other_formats_hold_the_values_as_found():
-    one = six_axes()
-    assert "0.6" in export(one, Numpy(), random_states(6, np.random.default_rng(0))).written.text
-
-
-def test_a_coupled_motor_is_part_of_armature_where_bodies_take_the_rest():
-    made = export(arm(ARM_MJCF), Mjcf(), random_states(3, np.random.default_rng(0)))
-    assert made.proof.readers["dynident"] < 1e-12
-    assert not any("Ia_motor" in line for line in made.written.left_out)
 
 
 def test_a_file_has_its_own_error_on_the_logs():

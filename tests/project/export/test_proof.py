@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from dynident.motion.log import Motion
-from dynident.project.export import Mjcf, Numpy, Urdf, Yaml, export, identified_urdf, prove, random_states, spread
+from dynident.project.export import Mjcf, Numpy, Urdf, Yaml, export, identified_urdf, prove, spread
 from tests.project.export.arms import STATES, arm
 from tests.robots import ARM, ARM_MJCF
 
@@ -83,11 +83,6 @@ def test_samples_are_spread_over_the_usable_ones():
     assert len(found) == 100
     assert found.min() >= 500
     assert len(spread((motion,), 10_000)[0]) == 500
-
-
-def test_random_states_are_those_of_their_generator():
-    one, other = (random_states(2, np.random.default_rng(3), 5) for _ in range(2))
-    assert all((a == b).all() for a, b in zip(one, other, strict=True))
 
 
 def test_yaml_lists_every_parameter():

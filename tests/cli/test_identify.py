@@ -5,9 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +74,6 @@ class TestIdentify:
         assert "no effect on the torque" in done.output
 
 
-ALL = {"train": [{"file": "log.csv"}], "validation": []}
 BAD = {  # what is written, what is configured, and what is said
     "a NaN": (
         {"pos": np.where(np.arange(2000) == 700, np.nan, 0.1 * np.sin(np.arange(2000)))}, {},
@@ -133,14 +129,6 @@ class TestBadInput:
         )
         self.check(tmp_path, words, model="mine.py:build")
 
-    def test_out_is_a_file(self, tmp_path: Path) -> None:
-        write_log(tmp_path)
-        (tmp_path / "out").write_text("mine")
-        done = run("identify", configure(tmp_path), "--out", tmp_path / "out")
-        assert done.exit_code != 0
-        assert "Traceback" not in done.output
-        assert (tmp_path / "out").read_text() == "mine"
-
 
 @pytest.fixture
 def no_folder(tmp_path: Path) -> Path:
@@ -185,23 +173,6 @@ class TestFolder:
         (out / "result.json").write_text(json.dumps(result))
         assert model_files(out / "result.json", Sources()) == ("edited.urdf",)
         assert model_files(out / "result.json", Sources(model=SourceFile(str(out / "edited.urdf"), ""))) == ()
-
-    @pytest.mark.skipif(os.name == "nt", reason="kills as POSIX does")
-    def test_a_kill_while_files_are_written(self, tmp_path: Path) -> None:
-        """At any moment; tests/files/test_folder.py tries them all."""
-        log, out = write_log(tmp_path), tmp_path / "out"
-        first = configure(tmp_path, train=[{"file": "log.csv", "window": [0, 2]}])
-        assert run("identify", first, "--out", out).exit_code == 0
-        old = {path.name: path.read_bytes() for path in out.iterdir()}
-        command = [sys.executable, "-m", "dynident", "identify", str(configure(tmp_path)), "--out", str(out)]
-        with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
-            while process.poll() is None and not (out / ".dynident.tmp").exists():
-                time.sleep(0.001)
-            process.kill()
-        assert run("predict", out / "result.json", log).exit_code == 0
-        now = {path.name: path.read_bytes() for path in out.iterdir()}
-        assert now.keys() == old.keys()
-        assert {now[name] == old[name] for name in old} in ({True}, {False})
 
     def test_a_report_that_fails_leaves_no_result(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         write_log(tmp_path)

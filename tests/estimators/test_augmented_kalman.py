@@ -11,14 +11,7 @@ import pytest
 from dynident.apps.article.article import arm_to_identify
 from dynident.estimators import AugmentedKalman, Problem
 from dynident.estimators.augmented_kalman import PRIOR_STD, _combine_pieces
-from dynident.estimators.augmented_kalman_steps import (
-    Dynamics,
-    FilterStep,
-    correct_state,
-    lower_root,
-    series_of,
-    smooth_model,
-)
+from dynident.estimators.augmented_kalman_steps import Dynamics, FilterStep, correct_state, lower_root, series_of
 from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.estimators.notes import StillMoving
 from dynident.models import RotorInertia
@@ -29,7 +22,7 @@ from dynident.motion.log import Motion
 from dynident.motion.smoothers import Spline
 from dynident.regression import Regression
 from dynident.runtime import ConfigError, InputError
-from dynident.testing.estimator import make_problem, multisine_motion, truth
+from dynident.testing.estimator import make_problem, multisine_motion
 
 ARM = two_link_arm()
 
@@ -114,16 +107,6 @@ def test_too_short():
     short = multisine_motion(ARM, samples=2000).select_between(stop=0.03)
     with pytest.raises(InputError, match="at least 12"):
         series_of(make_problem(ARM, short), 4000, np.ones(2), (np.zeros((2000, 2)),), (short.tau,))
-
-
-def test_a_sign_is_uncertain_where_it_may_change_within_a_step():
-    model = slider(values=(5.0, 8.0, 3.0, 0.5))
-    motion = multisine_motion(model)
-    smooth, widths, (uncertain,) = smooth_model(make_problem(model, motion), truth(model), 0.005)
-    far = np.abs(motion.dq) > 6 * widths[0]
-    assert uncertain[far].max() < 0.01
-    assert uncertain[np.abs(motion.dq) < widths[0]].max() > 1.0
-    assert smooth is not model
 
 
 def step_of(step: np.ndarray, motion: np.ndarray, residual: np.ndarray) -> FilterStep:

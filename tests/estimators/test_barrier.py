@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from dynident.estimators import Barrier, PenalisedQuadratic, PsdConstraint
-from dynident.estimators.barrier import solver
 
 
 @pytest.fixture
@@ -60,29 +59,6 @@ def test_outside_it_is_infinite_and_has_no_slopes(rng: np.random.Generator) -> N
         barrier.derivatives(outside)
 
 
-def test_several_barriers_are_settled_together(rng: np.random.Generator) -> None:
-    """One is part of the objective, the other keeps inside: where the method ends, all slopes cancel."""
-    kept, edge = Barrier((random_demand(rng),), 1.0), Barrier((PsdConstraint(np.eye(4)[3].reshape(1, 1, 1, 4)),))
-    origin, g = np.array([9.0, 0.1, 0.1, 1.0]), np.array([0.0, 1.0, -1.0, -30.0])
-    near = [one.restrict(origin, np.eye(4)) for one in (kept, edge)]
-    task = PenalisedQuadratic(np.eye(4), g, ((near[0], 1.0), (near[1], 1e-2)))
-    d, fall = task.minimise(np.zeros(4), 1e-12)
-    assert fall < 1e-12
-    slope = d - g + kept.derivatives(origin + d)[0] + edge.derivatives(origin + d, 1e-2)[0]
-    np.testing.assert_allclose(slope, 0.0, atol=1e-6)
-    assert 0 < (origin + d)[3] < 1e-2
-
-
-def test_what_acts_on_a_matrix_with_a_centre_is_bound_and_all_else_is_not() -> None:
-    matrix = np.zeros((2, 2, 2, 4))
-    matrix[0, 0, 0, 0] = matrix[1, 0, 1, 2] = matrix[1, 1, 0, 2] = 1.0
-    number = np.zeros((1, 1, 1, 4))
-    number[..., 1] = 1.0
-    drawn = PsdConstraint(matrix, centre=np.eye(2) + np.zeros((2, 2, 2)))
-    assert Barrier((drawn, PsdConstraint(number))).centred_components.tolist() == [True, False, True, False]
-    assert Barrier((PsdConstraint(matrix), PsdConstraint(number))).centred_components.tolist() == [False]
-
-
 def bodies(rng: np.random.Generator, count: int = 3) -> Barrier:
     """Return a barrier of pseudo-inertias (4, 4), ten numbers each, and of as many numbers that must be positive."""
     v, found = 11 * count, []
@@ -114,9 +90,3 @@ def test_the_minimum_is_reached_however_near_the_boundary_the_start_is(rng: np.r
     x = near.minimum(H, g, 1e-10)
     assert near.is_inside(x)
     assert PenalisedQuadratic(H, g, ((near, near.weight),)).newton(x)[1] < 1e-12
-
-
-def test_a_singular_matrix_is_inverted_on_its_range(rng: np.random.Generator) -> None:
-    half = rng.standard_normal((3, 5))
-    H, g = half.T @ half, half.T @ rng.standard_normal(3)
-    np.testing.assert_allclose(H @ solver(H)(g), g, rtol=1e-8)

@@ -30,7 +30,6 @@ from dynident.motion.smoothers import Difference, KalmanSmoother
 from dynident.regression import Regression
 from dynident.runtime import progress_to
 from dynident.testing.estimator import make_problem, multisine_motion
-from tests.estimators import arms
 
 ARM = two_link_arm()
 FIRST = Singular()
@@ -87,24 +86,6 @@ def test_a_mass_matrix_by_the_least_change_of_the_torque() -> None:
         left = problem.regression.triangular_factors.residual
         weights = 1.0 / left(plain)
         assert 1.0 < weights @ left(found[0]) / 2.0 < weights @ left(np.array(ARM.values)) / 2.0
-
-
-def test_a_mass_matrix_of_six_joints_with_bodies() -> None:
-    plain = arms.problem(arms.arm(inertias="none"), samples=200)
-    (motion,) = plain.motions
-    noise = 2.0 * motion.tau.std(axis=0) * np.random.default_rng(0).standard_normal(motion.tau.shape)
-    problem = make_problem(plain.model, replace(motion, tau=motion.tau + noise))
-    seen = [LeastSquares(weights="per_joint")(problem).value]
-    assert isinstance(massive(problem)(seen[0]), Failure)
-
-    def tried(theta: Array) -> Failure:
-        seen.append(theta)
-        return FIRST
-
-    find_first_model(problem, FIRST, tried)
-    assert isinstance(massive(problem)(seen[-1]), np.ndarray)
-    left = problem.regression.triangular_factors.residual
-    assert (left(seen[-1]) < 1.1 * left(seen[0])).all()
 
 
 def test_no_mass_is_invented_where_the_data_contradict_it() -> None:

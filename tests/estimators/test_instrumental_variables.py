@@ -20,7 +20,6 @@ from dynident.estimators.instruments import (
     WeakInstruments,
     cutoff_frequency,
     lag_of,
-    lagged_instruments,
 )
 from dynident.estimators.least_squares import LinearFit, weight_joints
 from dynident.estimators.notes import StillMoving
@@ -162,24 +161,6 @@ def polynomial(seed: int = 0) -> Motion:
     return Motion(T, q, dq, ddq, 0 * q, ("slider",), np.ones(len(T), dtype=bool))
 
 
-def test_a_polynomial_of_degree_five_is_found_exactly() -> None:
-    """At lags of whole samples; the samples within a lag of the ends and of a gap have no instruments."""
-    motion = polynomial()
-    mask = np.abs(np.arange(len(T)) - 200) > 3
-    gapped = Motion(T, motion.q, motion.dq, motion.ddq, motion.tau, motion.joints, mask)
-    found = lagged_instruments(slider(), gapped, None, None, 5 * STEP)
-    used = found.motion.mask
-    for name in ("q", "dq", "ddq"):
-        np.testing.assert_allclose(getattr(found.motion, name)[used], getattr(motion, name)[used], rtol=1e-5, atol=1e-4)
-    assert found.lag == 5 * STEP
-    away = np.abs(np.arange(len(T)) - 200)
-    inside = (np.arange(len(T)) >= 6) & (np.arange(len(T)) < len(T) - 6)
-    assert used[inside & (away > 9)].all()
-    assert not used[(away < 8) & (away > 2)].any()
-    assert not used[:5].any()
-    assert not used[-5:].any()
-
-
 @pytest.mark.parametrize("low", [5.0, 12.0])
 def test_the_cutoff_is_that_of_a_low_pass(low: float) -> None:
     """Order 1 forward and backward passes half of the amplitude at its cut-off, in the presence of a large motion."""
@@ -294,16 +275,6 @@ def test_what_is_missing_is_named_with_the_way_to_give_it() -> None:
         InstrumentalVariables("lagged", lag=1e-9)(problem)
     with pytest.raises(InputError, match=r"log 5: 0 samples have instruments, .* give a shorter `lag`"):
         InstrumentalVariables("lagged", lag=9.0)(problem)
-
-
-def test_nothing_that_moves_and_nothing_that_is_felt() -> None:
-    """A joint at rest leaves the rank that there is; without torque all is zero, and exactly known."""
-    log, motion = recorded(SHORT, None, 5)
-    still = replace(motion, q=0 * motion.q, dq=0 * motion.q, ddq=0 * motion.q)
-    assert InstrumentalVariables()(posed((log, still))).determined.rank == 1
-    without = InstrumentalVariables()(posed((log, replace(motion, tau=0 * motion.tau))))
-    np.testing.assert_allclose(without.value, 0.0, atol=1e-12)
-    assert (without.std < 1e-6).all()
 
 
 def test_a_loop_that_runs_away_is_an_error_or_the_next_kind() -> None:

@@ -10,14 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from dynident.estimators import (
-    LeastSquares,
-    LinearEstimator,
-    PhysicallyConsistent,
-    Problem,
-    estimate_of,
-    fit_from_information,
-)
+from dynident.estimators import LeastSquares, LinearEstimator, PhysicallyConsistent, Problem
 from dynident.estimators.least_squares import LeastSquaresSolution, rounding_floor, solve_least_squares
 from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.estimators.notes import RankDeficient
@@ -211,20 +204,6 @@ def test_the_weights_reported_are_those_of_the_fit(weights: Literal["equal", "pe
     expected = np.linalg.lstsq(Y.reshape(-1, 7), (motion.tau * used).ravel())[0]
     np.testing.assert_allclose(found.value, expected, rtol=1e-6, atol=1e-9)
     assert used[0] / used[1] == pytest.approx(1.0 if weights == "equal" else 10.0, rel=0.2)
-
-
-PROBLEM = make_problem(two_link_arm(), multisine_motion(two_link_arm(), noise=0.01))
-
-
-def test_of_directions_that_are_not_determined_nothing_is_said() -> None:
-    rows = LeastSquares().reduced(PROBLEM)
-    information = np.diag([1.0, 4.0, 0.0, 1.0, 1.0, 1.0, 1.0])
-    fit = fit_from_information(np.arange(7.0), information, rows.directions, 100, ())
-    found = estimate_of(PROBLEM, fit)
-    assert found.determined.rank == 6
-    assert np.isinf(found.std[2])
-    np.testing.assert_allclose(np.delete(found.std, 2), [1.0, 0.5, 1.0, 1.0, 1.0, 1.0], rtol=1e-9)
-    np.testing.assert_allclose(np.delete(found.value, 2), [0.0, 1.0, 3.0, 4.0, 5.0, 6.0], atol=1e-9)
 
 
 def test_only_linear_estimators_have_such_rows() -> None:

@@ -115,14 +115,6 @@ def _apart(low: ParallelFilter | None) -> tuple[HausmanTest, Whitening]:
     return HausmanTest(plain, LeastSquares().reduced(Problem(ARM, (motion,), plain))), COLOURED
 
 
-def test_the_distance_is_that_of_the_torques() -> None:
-    apart, _ = _apart(None)
-    by = np.random.default_rng(0).standard_normal((len(ARM.parameters), 2))
-    start = apart.fit.solution.value
-    rest = [apart.plain.triangular_factors.residual(start + one).sum() for one in (0.0 * by[:, 0], *by.T)]
-    np.testing.assert_allclose(apart.distance(by), np.array(rest[1:]) - rest[0], rtol=1e-6)
-
-
 def test_the_noise_that_is_drawn_is_that_which_was_found() -> None:
     """Of rows that are decimated, and in stretches: those that follow each other have the noise of neighbours."""
     for low in (None, ParallelFilter(decimate=2)):

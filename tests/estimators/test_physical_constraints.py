@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 
@@ -76,25 +74,6 @@ def test_torques_and_lever_arms_tell_the_size_of_a_body(mass: float, length: flo
         mass_ratio, length_ratio = (one.size[3] / other.size[3]) ** 2, one.size[0] / one.size[3]
         assert 0.3 < mass_ratio < 30
         assert 0.3 < length_ratio / (other.size[0] / other.size[3]) < 5
-
-
-def test_a_nominal_size_is_kept_unless_the_torques_contradict_it() -> None:
-    text = arm()
-    posed = problem(text)
-    bodies = bodies_of(posed.model.parameters)
-    kept = estimate_sizes(bodies, posed.model.parameters, posed.regression.triangular_factors)
-    assert all(one is other for one, other in zip(kept, bodies, strict=True))
-    toy = problem(re.sub(r"<mass value='?\"?[^/]*/>", '<mass value="1e-6"/>', text))
-    other = estimate_sizes(bodies_of(toy.model.parameters), toy.model.parameters, toy.regression.triangular_factors)
-    assert min(one.size[3] for one in other) > 1.0
-
-
-def test_without_torque_or_effect_nothing_is_known() -> None:
-    posed = problem(arm(inertias="none"))
-    bodies, factors = bodies_of(posed.model.parameters), posed.regression.triangular_factors
-    silent = type(factors)(np.zeros_like(factors.factors), factors.rows)
-    assert estimate_sizes(bodies, posed.model.parameters, silent) == bodies
-    assert estimate_sizes((), (), factors) == ()
 
 
 def test_a_slider_has_its_mass_from_its_force() -> None:

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.estimators import Constraints, PhysicallyConsistent, bodies_of, estimate_sizes, parameter_scales
-from dynident.estimators.cone import minimise
+from dynident.estimators import PhysicallyConsistent
 from dynident.estimators.notes import DecidedByPrior, NotIdentifiable, RankDeficient
 from dynident.models import Model, change_frame, to_pseudo
-from tests.estimators.welded import Drag, Welded, cloud, pair, problem, random_body, single, turned
+from tests.estimators.welded import Welded, cloud, pair, problem, random_body, single, turned
 
 Array = NDArray[np.float64]
 ROD = cloud(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.4]]), np.array([1.0, 1.0]))
@@ -110,32 +109,3 @@ def test_log_that_says_nothing_leaves_all_to_the_prior() -> None:
             {"prior"},
             {0.0},
         )
-
-
-def test_towards_an_impossible_prior_the_bodies_go_as_far_as_they_may() -> None:
-    """The second body's mass should lie far outside of it: its constraints act. The conic solver finds nothing nearer.
-
-    A bound against the data lets the first program begin from no prior.
-    """
-    rng = np.random.default_rng(8)
-    both = np.concatenate((BODY, random_body(rng)))
-    aims = np.concatenate((random_body(rng), random_body(rng)))
-    aims[11:14] *= 10
-    bodies, X = pair()
-    model = Model((*bodies.terms, Drag(bodies.joints, "viscous")))
-    friction, posed = model.names[-1], problem(model, np.append(both, 0.5), 0.1)
-    setting = {"bounds": {friction: (0.6, None)}, "prior": named(model, np.append(aims, 0.5))}
-    found = PhysicallyConsistent(distance="euclidean", **setting)(posed).value[:20]  # type: ignore[arg-type]
-    held_bodies = estimate_sizes(bodies_of(model.parameters), model.parameters, posed.regression.triangular_factors)
-    scale = parameter_scales(model.parameters, held_bodies, np.ones(len(model.parameters)), 1.0)[:20]
-
-    def distance(theta: Array) -> float:
-        return float(np.sum(((theta - aims) / scale) ** 2))
-
-    assert 0 < smallest(found[10:]) < 1e-4
-    free = np.array([np.concatenate((step, -change_frame(step, np.linalg.inv(X)))) for step in np.eye(10)]).T
-    near, aside = free / scale[:, None], (found - aims) / scale
-    held = Constraints(bodies=held_bodies, margin=1e-5)
-    best = minimise(near.T @ near, near.T @ aside, held, np.append(found, 0.6), np.vstack([free, np.zeros(10)]))
-    assert best.is_optimal
-    assert distance(found) == pytest.approx(distance(found + free @ best.point), rel=1e-4)

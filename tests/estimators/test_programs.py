@@ -102,16 +102,6 @@ def test_both_ways_find_the_same_optimum(seed: int, monkeypatch: pytest.MonkeyPa
     assert squared(path) == pytest.approx(squared(conic), rel=1e-3, abs=0.5)
 
 
-def test_equalities_hold_on_the_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    posed = problem(arm(1e-2, 0.3), 1e-2, 0.3, samples=300)
-    known, constraints = program(posed)
-    index = posed.model.names.index("l5.mass")
-    fixed = interval_limit("mass", posed.model.parameters, {index: (4.0, 4.0)}).scale_rows(known.scale)
-    monkeypatch.setattr(staged, "STEP_UNITS", ())
-    theta = known.theta(staged._solve_scaled(known, replace(constraints, limits=(*constraints.limits, fixed))))
-    assert theta[index] == pytest.approx(4.0, rel=1e-6)
-
-
 def test_where_nothing_is_inside_the_error_of_the_conic_solver_stands() -> None:
     posed = problem(arm(1e-2, 0.3), 1e-2, 0.3, samples=300)
     with pytest.raises(ConfigError, match="contradict"):
@@ -192,18 +182,3 @@ def test_three_units_are_tried(failures: int, failure: str, monkeypatch: pytest.
     np.testing.assert_allclose(directions[:, 2:], known.free)
     assert not linear.any()
     assert base is known.base
-
-
-def test_where_the_penalty_is_not_small_the_free_directions_get_a_larger_unit(monkeypatch: pytest.MonkeyPatch) -> None:
-    factor = np.diag([2.0, 3.0, 0.0, 1.0])
-    known, asked = staged.information_from_factor(factor, np.ones(3), rank_of(factor), 10), []
-
-    def solved(wider: staged.Information, _: Constraints) -> np.ndarray:
-        asked.append(float(np.linalg.norm(wider.free)))
-        return np.array([0.0, 0.0, 30.0 / asked[-1]])  # the same w, in each unit
-
-    monkeypatch.setattr(staged, "_solve_scaled", solved)
-    found = staged._solve_program(known, Constraints())
-    assert asked == pytest.approx([1.0, 10.0, 100.0, 1000.0][: len(asked)])
-    assert found[2] == pytest.approx(30.0)
-    assert (30.0 / asked[-1]) ** 2 <= staged.MAX_PENALTY_SHARE * known.noise

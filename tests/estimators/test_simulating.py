@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from dynident.estimators import Didim, InstrumentalVariables, OutputError
-from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.estimators.notes import FirstModel, StartedElsewhere, StillMoving
 from dynident.models import Model
 from dynident.models.lagrangian import slider, two_link_arm
@@ -55,15 +54,6 @@ def test_errors_hold_in_segments_that_the_torque_drives() -> None:
     assert inside >= 0.95 - 4 * np.sqrt(0.95 * 0.05 / RUNS), inside
     spread = np.std([one.value for one in found], axis=0) / np.mean([one.std for one in found], axis=0)
     assert (spread > 0.3).all(), spread
-
-
-def test_agrees_with_maximum_likelihood() -> None:
-    """Of a torque with next to no noise both have the noise of the positions only."""
-    log, motion = recorded(OPEN, None, 1, 1e-5, 1e-4)
-    found, best = OutputError(segment=0.3)(posed((log, motion))), MaximumLikelihood()(posed((log, motion)))
-    both = np.hypot(found.std, best.std)
-    assert (np.abs(found.value - best.value) < 4 * both).all(), (found.value - best.value) / both
-    assert (np.abs(found.value - TRUTH) < 4 * found.std).all()
 
 
 def test_a_command_that_is_known_drives_the_model() -> None:

@@ -73,15 +73,6 @@ def test_bound_of_correlated_noise() -> None:
     assert 0.92 < (np.abs(error) < 1.96 * std).mean() < 0.98
 
 
-def test_with_independent_noise_it_is_least_squares_weighted_by_joint() -> None:
-    posed_one = make_problem(ARM, multisine_motion(ARM, noise=0.01))
-    found, plain = WeightedLeastSquares()(posed_one), LeastSquares(weights="per_joint", iterations=20)(posed_one)
-    np.testing.assert_allclose(found.value, plain.value, atol=0.01 * plain.std.min())
-    np.testing.assert_allclose(found.std, plain.std, rtol=1e-3)
-    assert found.residual.whitening is not None
-    assert not found.residual.whitening.mixes
-
-
 def test_an_arm_whose_parameters_are_not_all_determined() -> None:
     given = problem(arm(), samples=600)
     found, plain = WeightedLeastSquares()(given), LeastSquares(weights="per_joint")(given)

@@ -114,13 +114,6 @@ def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path, kind: str, m
         assert Path(path).stem[:50].replace("\0", "\\x00") in str(raised.value), what
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may search any folder")
-def test_a_folder_that_cannot_be_searched_is_named(tmp_path: Path) -> None:
-    (tmp_path / "closed").mkdir(0o600)
-    with pytest.raises(InputError, match="Permission denied"):
-        read_columns(tmp_path / "closed" / "a.csv")
-
-
 def test_a_name_that_no_file_can_have_is_the_error_of_its_kind() -> None:
     for error in (InputError, ConfigError, ModelError):
         with pytest.raises(error, match="is no name of a file"):

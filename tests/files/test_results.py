@@ -26,13 +26,6 @@ def test_a_table_comes_back(tmp_path, name):
     assert read_table(write_table(tmp_path / name, frame)).equals(frame)
 
 
-def test_values_that_json_cannot_hold_touch_no_file(tmp_path):
-    path = write_text(tmp_path / "r.json", "old")
-    with pytest.raises(TypeError):
-        write_json(path, {"a": object()})
-    assert path.read_text() == "old"
-
-
 def test_the_rights_are_those_of_an_ordinary_file(tmp_path):
     (tmp_path / "plain").write_text("x")
     mode = write_text(tmp_path / "r.txt", "x").stat().st_mode

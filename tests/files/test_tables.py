@@ -243,7 +243,7 @@ def test_a_damaged_parquet_leaves_no_trace(tmp_path, capfd):
     """Polars panics at some of these: the trace that Rust writes to file descriptor 2 by itself must not be seen."""
     columns = {"a": np.arange(50.0), "b": np.arange(50), "c": [str(k % 3) for k in range(50)]}
     sound, rng = parquet(**columns), np.random.default_rng(1)
-    for _ in range(300):
+    for _ in range(100):
         data = np.frombuffer(sound, np.uint8).copy()
         data[rng.integers(4, len(data) - 8, 3)] = rng.integers(0, 256, 3)
         with contextlib.suppress(InputError):

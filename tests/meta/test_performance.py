@@ -56,12 +56,6 @@ def test_a_work_is_measured_with_the_kernel_without_it_and_by_its_peers(tried: S
     assert found["a peer that is not here"] == "a peer that is not here is not found"
 
 
-def test_a_work_that_fails_is_no_figure(tried: SimpleNamespace, capfd: pytest.CaptureFixture[str]) -> None:
-    found = tried.measure.measured(tried.measure.Work("tried", "broken", ways=("with",), seconds=0))
-    assert found == {"with": tried.measure.FAILED}
-    assert "ZeroDivisionError" in capfd.readouterr().err
-
-
 def test_every_work_exists_and_has_one_key(bench: SimpleNamespace) -> None:
     every = bench.marks.works(bench.run.PARTS)
     assert len({work.key for work in every}) == len(every) > 40

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from dynident.motion.log import Log, Motion, spread_pieces, subsample, thin_motions
+from dynident.motion.log import Log, Motion, spread_pieces, subsample
 from dynident.runtime import InputError
 
 
@@ -37,15 +37,6 @@ def test_pieces_cover_their_share_of_a_stretch(count: int, share: float) -> None
     assert found[-1].stop <= 1000
     assert sum(one.stop - one.start for one in found) == pytest.approx(900 * share, abs=count)
     assert all(left.stop <= right.start for left, right in itertools.pairwise(found))
-
-
-def test_thinned_motions_have_the_samples_of_subsample():
-    long, other = motion(1000, 500), motion(100)
-    first, second = thin_motions([long, other], 100)
-    rows = subsample([long, other], 100)
-    np.testing.assert_array_equal(first.t, long.t[rows[0]])
-    np.testing.assert_array_equal(second.q, other.q[rows[1]])
-    assert [len(one) for one in thin_motions([motion(1000, 999), motion(100)], 100)] == [100]
 
 
 def test_frames_name_each_column_by_signal_and_joint() -> None:

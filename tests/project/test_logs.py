@@ -187,25 +187,6 @@ def test_gaps_that_leave_nothing_are_refused(tmp_path):
         read(tmp_path, recording(t=lambda k: k * 0.01 + k // 20), "gaps: split")
 
 
-def test_a_recording_of_which_several_parts_are_used_is_read_once(tmp_path, monkeypatch):
-    written(tmp_path, "log.csv", "t,a,b\n" + "".join(f"{0.01 * k:.2f},{0.1 * k:.1f},{k}\n" for k in range(60)))
-    read = []
-    original = logs.read_columns
-    monkeypatch.setattr(logs, "read_columns", lambda path, *rest: read.append(path) or original(path, *rest))
-    text = """
-        model: arm.urdf
-        time: { column: t, unit: s }
-        position: { a: { column: a, unit: rad } }
-        torque: { a: { column: b, unit: N m } }
-        train: [{ file: log.csv, window: [0, 0.3] }, { file: log.csv, name: again, window: [0, 0.2] }]
-        validation: [{ file: log.csv, window: [0.3, 0.59] }]
-    """
-    config = parse_config(textwrap.dedent(text), tmp_path)
-    roles, _ = logs.read_with_findings(config, (Joint("a"),))
-    assert [len(one) for named in roles.values() for one in named.values()] == [31, 21, 30]
-    assert len(read) == 1
-
-
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_reference_positions_that_no_controller_uses_are_named_once(tmp_path, kind):
     q = np.sin(0.02 * np.arange(200))

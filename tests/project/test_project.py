@@ -34,14 +34,6 @@ def test_a_project_reads_no_recording_before_it_is_asked(tmp_path: Path) -> None
         project.logs()
 
 
-def test_logs_are_by_role(config: Path) -> None:
-    logs, remarks = read_project(config).logs()
-    assert {role: list(map(len, named.values())) for role, named in logs.items()} == {
-        "train": [1501], "validation": [1000],
-    }  # fmt: skip
-    assert remarks == ()
-
-
 def test_a_run_says_each_step_what_it_read_and_what_to_doubt(config: Path) -> None:
     steps: list[str] = []
     with progress_to(steps.append):

@@ -268,7 +268,7 @@ class TestChosenTerms:
         assert not again.model.chooses_terms
 
 
-QUICK: dict = {"smoother": dy.Difference("central"), "time_offset": 0.0, "terms": None}
+QUICK: dict = {"smoother": dy.Difference("central"), "estimator": dy.LeastSquares(), "time_offset": 0.0, "terms": None}
 
 
 class TestJointsThatAreNotLogged:

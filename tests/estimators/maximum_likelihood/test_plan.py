@@ -9,7 +9,7 @@ import pytest
 
 from dynident.estimators import Problem
 from dynident.estimators.maximum_likelihood import has_sign, plan_segment, torque_steps, with_smooth_signs
-from dynident.estimators.maximum_likelihood.plan import estimate_noise, misfit, recordings
+from dynident.estimators.maximum_likelihood.plan import recordings
 from dynident.estimators.notes import Averaged
 from dynident.models import CoupledMotor, Joint, Model
 from dynident.models.friction import Coulomb, Power, Stribeck, Viscous
@@ -77,24 +77,6 @@ def test_without_logs_runs_of_twenty_usable_samples_are_recordings(usable: int, 
     none = replace(given, motions=(replace(motion, mask=np.arange(60) < 19),))
     with pytest.raises(InputError, match="a run of at least 20 usable samples"):
         recordings(none, None, steps=False)
-
-
-def test_noise_is_the_mean_square_of_the_logs_and_misfit_the_residual_without_transients() -> None:
-    rng, sizes = np.random.default_rng(3), (3000, 9000)
-    logs = [
-        Log(np.arange(n) * 0.01, 0.1 * size * rng.normal(size=(n, 2)), size * rng.normal(size=(n, 2)), ("a", "b"))
-        for n, size in zip(sizes, (1.0, 3.0), strict=True)
-    ]
-    expected = np.sqrt((3000 * 1.0 + 9000 * 9.0) / 12_000)
-    q, tau = estimate_noise(logs)
-    np.testing.assert_allclose(q, 0.1 * expected, rtol=0.05)  # 4 standard deviations of a median of 9000
-    np.testing.assert_allclose(tau, expected, rtol=0.05)
-    (motion,) = posed(4000).motions
-    theta = np.array([2.0, 0.5])
-    tau = motion.dq * theta + rng.normal(size=(4000, 2)) * (0.1, 0.3)
-    tau[:200] += 1e3
-    given = replace(posed(4000), motions=(replace(motion, tau=tau, mask=np.arange(4000) < 3900),))
-    np.testing.assert_allclose(misfit(given, theta), (0.1, 0.3), rtol=0.15)
 
 
 class TestFriction:

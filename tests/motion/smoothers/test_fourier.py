@@ -170,16 +170,6 @@ def design(t: np.ndarray, period: float, harmonics: int) -> np.ndarray:
     )
 
 
-def test_noise_is_amplified_as_known() -> None:
-    """Of a series of H harmonics over N samples, q has the variance sigma^2 (2 H + 1) / N, and ddq sigma^2 2 / N times
-    the sum of (k w)^4: the sums of squares of what it makes of each sample."""
-    w, H, N = 2 * np.pi / 2.0, 4, 400
-    t = np.arange(N) * 0.01
-    q, _, ddq = np.square(fit_series(t, np.eye(N), 2.0, H)(t)).sum(axis=2)
-    np.testing.assert_allclose(q, (2 * H + 1) / N, rtol=1e-9)
-    np.testing.assert_allclose(ddq, 2 / N * np.sum((np.arange(1, H + 1) * w) ** 4), rtol=1e-9)
-
-
 @pytest.mark.parametrize("rho", [0.0, 0.95])
 def test_the_noise_of_a_harmonic_is_found_between_them(rho: float) -> None:
     """The mean of |c_k|^2 over many series is that of the estimates, but for what a slope of the spectrum makes of

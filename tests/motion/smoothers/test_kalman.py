@@ -10,8 +10,6 @@ import pytest
 from dynident.motion.log import Log
 from dynident.motion.smoothers import KalmanSmoother, Order, Spline, posterior_errors, wiener
 from dynident.motion.splines import GCV, REML
-from dynident.motion.splines.banded import Grid, System, second_difference
-from dynident.motion.splines.quintic import QuinticSystem
 from dynident.runtime import ConfigError, InputError
 from tests.motion.splines.wiener_reference import dense, recursion, sampled
 
@@ -39,29 +37,6 @@ def test_is_the_posterior_of_a_diffuse_start(order: Order, q: float) -> None:
         np.testing.assert_allclose(found[:, 0], mean, atol=1e-6 * np.abs(mean).max())
     errors = posterior_errors(t, order, np.array([0.5**0.5]), np.array([q]))
     np.testing.assert_allclose(errors[:, :, 0] ** 2, variances, rtol=1e-5)
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_the_likelihood_is_the_restricted_one_of_the_spline(order: Order) -> None:
-    """Up to a constant that depends on the times alone."""
-    t, y = noisy(60, order, 0.05, 0.5)
-    t = (t - t[0]) * (len(t) - 1) / (t[-1] - t[0])
-    left = []
-    for r, q in ((0.5, 0.05), (0.1, 2.0), (3.0, 1e-3)):
-        whole, log_det = _banded(t, y, order, 0.5 * q / r)
-        restricted = -0.5 * ((len(t) - order) * np.log(r) + log_det + whole / r)
-        left.append(recursion(t, y, order, r, q)[2] - restricted)
-    assert np.ptp(left) < 1e-6
-
-
-def _banded(t: np.ndarray, y: np.ndarray, order: int, p: float) -> tuple[float, float]:
-    """y' Q u and the logarithm of the determinant, of which ``REML`` is made."""
-    if order == 3:
-        found = QuinticSystem(np.diff(t)).solve(p, y)
-        return found.penalised_rss, found.log_det
-    system = System(Grid(np.diff(t)))
-    one = system.solve(p, second_difference(y, np.diff(t)), refine=False, trace=True)
-    return one.rss + p * one.energy, one.log_det
 
 
 @pytest.mark.parametrize("order", ORDERS)

@@ -58,13 +58,6 @@ def worst(whole: Motion, part: Motion, first: int, inside: slice) -> float:
     return max(float((np.abs(b - a) / np.abs(a).max(axis=0)).max()) for a, b in pairs)
 
 
-@pytest.mark.parametrize("smoother", [SPLINES["usual"], OTHERS["difference"]], ids=["spline", "difference"])
-def test_a_time_shift_needs_as_many_samples_more(smoother: Smoother) -> None:
-    log = recording()
-    plain, shifted = (overlap(x, log, smooth_log(x, log)) for x in (smoother, TimeShifted(smoother, -0.0123)))
-    assert shifted - plain == 9  # of 2 ms, and two in which the motion between samples is sought
-
-
 @pytest.mark.parametrize("name", [*SPLINES, *OTHERS])
 def test_a_piece_with_the_overlap_has_the_motion_of_the_whole(name: str) -> None:
     smoother, log = {**SPLINES, **OTHERS}[name], recording()
@@ -75,19 +68,6 @@ def test_a_piece_with_the_overlap_has_the_motion_of_the_whole(name: str) -> None
     inside = slice(more, more + 500)
     assert worst(whole, part, first, inside) < 1e-9
     assert part.mask[inside].all()
-
-
-@pytest.mark.parametrize("name", ["usual", "wide"])
-def test_the_error_of_a_spline_decays_as_the_roots_of_its_equations_say(name: str) -> None:
-    smoother, log = SPLINES[name], recording()
-    whole = smooth_log(smoother, log)
-    left = max(decay(width, STEP) for width in whole.smoothing["bandwidth"])
-    part = smooth_log(smoother, log.rows(slice(5000, None), "piece"))
-    bound = 4 * left ** np.arange(1000)[:, None]
-    error = np.abs(part.ddq[:1000] - whole.ddq[5000:6000]) / np.abs(whole.ddq).max(axis=0)
-    assert (error <= np.maximum(bound, 1e-11)).all()
-    half = round(np.log(1e-4) / np.log(left))  # it does not decay faster, either
-    assert error[half - 20 : half + 20].max() > 1e-7
 
 
 def test_the_roots_are_those_of_a_kernel_and_of_interpolation() -> None:

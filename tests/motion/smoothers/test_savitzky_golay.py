@@ -9,7 +9,7 @@ from scipy.signal import savgol_filter
 from dynident.motion.log import Log
 from dynident.motion.smoothers import SavitzkyGolay, Spline
 from dynident.motion.smoothers import savitzky_golay as local_polynomials
-from dynident.motion.smoothers.savitzky_golay import fit_polynomials, is_even, order_differences
+from dynident.motion.smoothers.savitzky_golay import fit_polynomials, is_even
 from dynident.runtime import InputError
 
 RNG = np.random.default_rng(0)
@@ -64,21 +64,6 @@ def test_the_trace_is_the_change_of_each_value_with_its_own_sample() -> None:
     trace = fit_polynomials(t, np.zeros((60, 1)), half, 2)[3]
     each = [fit_polynomials(t, np.eye(60)[:, [i]], half, 2)[0][i, 0] for i in range(60)]
     assert trace == pytest.approx(sum(each))
-
-
-def test_noise_makes_two_orders_differ_by_its_known_gain() -> None:
-    """Its variance is that of ddq of the lower order times the gain, which of a parabola is known in full."""
-    t, half, sigma = np.arange(40_000) * 0.01, 10, 0.3
-    q = sigma * np.random.default_rng(2).standard_normal((40_000, 1))
-    rows = np.arange(half, 40_000 - half)
-    squares, gain = order_differences(t, q, half, (2, 4), rows)
-    m = np.arange(-half, half + 1)
-    lower = 4.0 / np.square(m**2 - np.mean(m**2)).sum() / 0.01**4  # of ddq by a parabola, for unit noise
-    assert squares[0] == pytest.approx(gain * lower * sigma**2, rel=0.05)
-    q, dq, ddq, _ = fit_polynomials(t, q, half, 2)
-    inside = slice(half, -half)
-    assert ddq[inside].var() == pytest.approx(lower * sigma**2, rel=0.05)
-    assert dq[inside].var() == pytest.approx(sigma**2 / np.square(m * 0.01).sum(), rel=0.05)
 
 
 def log(n: int = 4000, h: float = 0.0025, noise: float = 1e-4, seed: int = 0, colour: int = 1) -> Log:

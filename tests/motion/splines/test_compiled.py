@@ -119,31 +119,6 @@ def test_a_single_series_is_fitted_to_the_same_bits_as_beside_others(
                 np.testing.assert_array_equal(getattr(alone, name), expected, err_msg=f"{name} by {rule}", strict=True)
 
 
-@compiled_only
-def test_which_single_series_the_kernel_fits() -> None:
-    t = np.linspace(0.0, 3.0, 50)
-    y = np.sin(3 * t) + 0.01 * np.random.default_rng(0).standard_normal(50)
-    for rule, setting in ((0, 50.0), (1, 1e3), (2, 0.0)):
-        assert compiled.fit_single(t, y, rule, setting, 0.01) is not None
-        for bad in ([y.copy() for _ in range(2)], [t.copy() for _ in range(2)]):
-            bad[0][7], bad[1][7] = np.nan, np.inf
-            for column in bad:
-                assert compiled.fit_single(t, column, rule, setting, 0.01) is None
-                assert compiled.fit_single(column, y, rule, setting, 0.01) is None
-        for times in (t[::-1], np.repeat(t[::2], 2), np.r_[t[:20], t[20:22][::-1], t[22:]], 1e150 * t):
-            assert compiled.fit_single(times, y, rule, setting, 0.01) is None
-        for values in (np.zeros(50), 1e150 * y):
-            assert compiled.fit_single(t, values, rule, setting, 0.01) is None
-        for sigma in (1e-200, 1e200, -1.0, np.nan):
-            assert compiled.fit_single(t, y, rule, setting, sigma) is None
-        assert compiled.fit_single(t[:3], y[:3], rule, setting, 0.01) is None
-    for rule, setting in product((0, 1), (0.0, -1.0, np.inf, np.nan)):
-        assert compiled.fit_single(t, y, rule, setting, 0.01) is None
-    for rule in (0, 2):  # a straight line needs no search
-        assert compiled.fit_single(t, 2 * t, rule, 50.0, 0.01) is None
-    assert compiled.fit_single(t, y, 0, 1e9, 0.01) is None
-
-
 def assert_same(found: SmoothingSpline, expected: SmoothingSpline) -> None:
     for name in ("p", "S", "edf"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-7, err_msg=name)

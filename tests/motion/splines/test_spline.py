@@ -117,23 +117,6 @@ def test_effective_degrees_of_freedom_are_the_trace() -> None:
 
 
 @pytest.mark.parametrize("rule", RULES, ids=repr)
-def test_scaling_and_shifting(rule: Constraint) -> None:
-    """The unit of time, the unit of y, and their zero change nothing but the numbers' scale."""
-    t = np.arange(256) / 256.0
-    y = np.sin(6 * t) + 0.01 * np.random.default_rng(0).standard_normal(256)
-    sigma = 0.01 if isinstance(rule, Constraint) else None
-    a, b = 2.0**10, 2.0**-7
-    one = smooth(t, y, rule, sigma=sigma)
-    if not isinstance(rule, Fixed):
-        two = smooth(a * t, b * y, rule, sigma=b * sigma if sigma else None)
-        np.testing.assert_allclose(two.values, b * one.values, rtol=0, atol=1e-10 * b)
-        np.testing.assert_allclose(two.c, one.c * b / a**2, rtol=0, atol=1e-7 * np.abs(one.c).max() * b / a**2)
-    three = smooth(t + 1024.0, y + 64.0, rule, sigma=sigma)
-    np.testing.assert_allclose(three.values - 64.0, one.values, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(three.c, one.c, rtol=0, atol=1e-6 * np.abs(one.c).max())
-
-
-@pytest.mark.parametrize("rule", RULES, ids=repr)
 @pytest.mark.parametrize("weighted", [False, True])
 def test_columns_are_smoothed_each_on_its_own(rule: Constraint, weighted: bool) -> None:
     t, y = series(n=200)

@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import BSpline, make_interp_spline
 
 from dynident.motion.splines.banded import Grid, IllConditionedError, System, second_difference
-from dynident.motion.splines.quintic import QuinticSystem, local_basis
+from dynident.motion.splines.quintic import QuinticSystem
 from tests.motion.splines.reference import grid, matrices
 
 
@@ -119,19 +119,3 @@ def test_what_double_precision_cannot_solve_is_said() -> None:
     step[::3] = 1e-120
     with pytest.raises(IllConditionedError), np.errstate(all="ignore"):
         QuinticSystem(step).solve(1e-3, np.sin(np.arange(21) * 0.1))
-
-
-@pytest.mark.parametrize(("degree", "repeated"), [(2, 1), (3, 1), (4, 1), (4, 2)])
-def test_b_splines_of_every_degree_in_use_are_those_of_scipy_also_at_repeated_knots(degree: int, repeated: int) -> None:
-    rng = np.random.default_rng(0)
-    inside = np.repeat(np.cumsum(rng.uniform(0.1, 1.0, 6)), np.array([1, 1, repeated, 1, 1, 1]))
-    knots = np.concatenate([np.zeros(degree + 1), inside, np.full(degree + 1, inside[-1] + 0.5)])
-    t = np.concatenate([np.sort(rng.uniform(0, knots[-1], 60)), [0.0]])
-    m = np.searchsorted(knots, t, side="right") - 1
-    found, count = local_basis(knots, degree, m, t), len(knots) - degree - 1
-    spline = BSpline(knots, np.eye(count), degree)
-    for order in range(3):
-        whole = np.zeros((len(t), count))
-        whole[np.arange(len(t))[:, None], m[:, None] - degree + np.arange(degree + 1)] = found[order]
-        expected = spline.derivative(order)(t) if order else spline(t)
-        np.testing.assert_allclose(whole, expected, rtol=1e-10, atol=1e-9)

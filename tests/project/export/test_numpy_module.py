@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from dynident.models import Joint, Lagrangian, Model, Parameter, RigidBodies, Term, Unknown
-from dynident.models.friction import Dahl, LoadCoulomb, LoadViscous, PerJoint, Viscous
+from dynident.models import Joint, Lagrangian, Model, Parameter, Term, Unknown
+from dynident.models.friction import Dahl, LoadCoulomb, PerJoint, Viscous
 from dynident.models.lagrangian import MODELS, pendulum
 from dynident.project.export import IdentifiedModel, Numpy, Yaml, export, identified_module, random_states
 from dynident.runtime import ModelError
 from dynident.testing.term import is_the_same_in_numpy
 from tests.project.export.arms import arm
-from tests.robots import ARM
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -130,16 +129,3 @@ def test_terms_that_remember_more_than_the_load_are_left_out():
     expected = load + 0.4 * states[1] + 0.5 * np.abs(load) * np.tanh(states[1] / 0.1)
     np.testing.assert_allclose(namespace["inverse_dynamics"](*states), expected, rtol=1e-9)
     np.testing.assert_allclose(namespace["mass_matrix"](states[0])[:, 0, 0], 0.1)
-
-
-def test_the_load_of_an_arm_is_in_the_module():
-    bodies = RigidBodies(ARM)
-    model = Model((bodies, LoadCoulomb(bodies.joints, on=(bodies.joints[1].name,)), LoadViscous(bodies.joints)))
-    value = np.random.default_rng(0).uniform(0.5, 1.5, len(model.names))
-    made = export(
-        IdentifiedModel(model.with_load(value), value),
-        Numpy(),
-        random_states(len(model.joints), np.random.default_rng(0)),
-    )
-    assert made.ready, made.refusal
-    assert not made.written.left_out

@@ -112,19 +112,6 @@ def test_a_worker_remembers_few_functions() -> None:
     assert len(batch._FUNCTIONS) == batch.MAX_CACHED_FUNCTIONS
 
 
-def test_few_batches_of_short_jobs() -> None:
-    executor = Direct()
-    assert len(list(run_jobs(sleeps, [0.001] * 1000, executor))) == 1000
-    assert len(executor.batches) < 100
-    assert max(len(one.jobs) for one in executor.batches) > 20
-
-
-def test_one_batch_for_each_long_job() -> None:
-    executor = Direct()
-    assert len(list(run_jobs(sleeps, [0.3] * 4, executor))) == 4
-    assert [len(one.jobs) for one in executor.batches] == [1, 1, 1, 1]
-
-
 def test_a_batch_that_the_executor_loses_is_tried_job_by_job() -> None:
     """As Dask does where three workers have died of it."""
 

@@ -11,7 +11,14 @@ import pytest
 from dynident.apps.article.article import arm_to_identify
 from dynident.estimators import AugmentedKalman, Problem
 from dynident.estimators.augmented_kalman import PRIOR_STD, _combine_pieces
-from dynident.estimators.augmented_kalman_steps import Dynamics, FilterStep, correct_state, lower_root, series_of
+from dynident.estimators.augmented_kalman_steps import (
+    Dynamics,
+    FilterStep,
+    correct_state,
+    group_size,
+    lower_root,
+    series_of,
+)
 from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.estimators.notes import StillMoving
 from dynident.models import RotorInertia
@@ -148,3 +155,21 @@ def test_linear_case_is_least_squares():
     found = np.linalg.lstsq(X, np.concatenate(right), rcond=None)[0]
     np.testing.assert_allclose(x[0], state @ found, rtol=1e-9)
     np.testing.assert_allclose(S[0] @ S[0].T, state @ np.linalg.inv(X.T @ X) @ state.T, rtol=1e-9)
+
+
+@pytest.mark.parametrize("samples", [4000, 500])
+def test_steps_have_the_torque_of_their_samples(samples):
+    motion = multisine_motion(ARM)
+    problem = make_problem(ARM, motion)
+    found = series_of(problem, samples, np.ones(2), (np.zeros((2000, 2)),), (motion.tau,))
+    group = group_size(motion, samples)
+    assert group == (1 if samples == 4000 else 4)
+    assert found.active.all(axis=1).any()
+    h = motion.t[1]
+    np.testing.assert_allclose(found.step, group * h)
+    np.testing.assert_array_equal(found.offset, 0.0)  # the positions of the motion are those that were measured
+    np.testing.assert_allclose(found.motion[2, 0, 0], (motion.dq[group] - motion.dq[0]) / (group * h))
+    whole = (found.mean[0] * found.active[0, :, None]).sum(axis=0) * group * h
+    rows = int(found.active[0].sum()) * group
+    np.testing.assert_allclose(whole, np.trapezoid(motion.tau[: rows + 1], dx=h, axis=0), atol=1e-3)
+    np.testing.assert_allclose(found.noise, 1 / np.sqrt(group))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dynident.apps.article import SCENARIOS
-from dynident.apps.article.article import SAMPLING_PERIOD, SPLINE, arm_to_identify
+from dynident.apps.article.article import SPLINE, arm_to_identify
 from dynident.estimators import (
     AugmentedKalman,
     Didim,
@@ -24,7 +24,7 @@ from dynident.estimators.notes import FirstModel, StartedElsewhere
 from dynident.estimators.simulated_recordings import find_first_model, fit_resmoothed, open_shots
 from dynident.models import Lagrangian, Model
 from dynident.models.lagrangian import pendulum, two_link_arm
-from dynident.models.simulation import PD, Failure, Function, Recording, Singular, record, simulate, simulate_recording
+from dynident.models.simulation import PD, Failure, Singular, record, simulate, simulate_recording
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Difference, KalmanSmoother
 from dynident.regression import Regression
@@ -162,38 +162,14 @@ def test_an_open_simulation_starts_from_positions_when_they_were_stamped() -> No
     np.testing.assert_array_equal(shots.measured, log.q)
 
 
-SIGMA = 3e-3
-START = 0.25  # s: the transient before is not used
-
-
-@pytest.fixture(scope="module")
-def swing() -> Recording:
-    t = np.arange(751) * 0.004
-    motion = simulate(PENDULUM, PENDULUM.values, lambda s: np.array([0.6 * np.sin(2 * s)]), t)
-    return record(motion, SIGMA, 0.01, np.random.default_rng(0))
-
-
-@pytest.fixture(scope="module")
-def article_problem() -> Problem:
+def test_what_simulates_starts_there_where_the_first_model_has_no_mass() -> None:
     """The article's arm at its highest noise: of its spline, the mass matrix is not positive definite."""
-    scenario, model = SCENARIOS["tabulated"], arm_to_identify()
-    log = scenario.record(1e-4, np.random.default_rng(0)).log
-    first, second = scenario.amplitudes
-
-    def law(t: float, q: np.ndarray, dq: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        return np.array([first * np.sin(t + SAMPLING_PERIOD / 2), second * np.cos(t + SAMPLING_PERIOD / 2)])
-
-    still, ones = np.zeros_like(log.q), np.ones(2)
-    log = replace(log, controller=Function(log.joints, log.t, still, law, ones, 1e9 * ones, still))
-    motion = replace(SPLINE, sigma=1e-2)(log).select_between(start=START)
-    return Problem(model, (motion,), Regression(model, (motion,)), (log,))
-
-
-def test_what_simulates_starts_there_where_the_first_model_has_no_mass(article_problem: Problem) -> None:
-    q = article_problem.motions[0].q[::50]
-    model, plain = article_problem.model, LeastSquares(weights="per_joint")(article_problem).value
+    log, model = SCENARIOS["tabulated"].record(1e-4, np.random.default_rng(0)).log, arm_to_identify()
+    motion = replace(SPLINE, sigma=1e-2)(log).select_between(start=0.25)  # s: the transient before is not used
+    problem = Problem(model, (motion,), Regression(model, (motion,)), (log,))
+    q, plain = motion.q[::50], LeastSquares(weights="per_joint")(problem).value
     assert not model.check_mass_matrix(q, plain).positive
-    assert model.check_mass_matrix(q, fit_resmoothed(article_problem, KalmanSmoother())).positive
-    found = AugmentedKalman()(article_problem)
+    assert model.check_mass_matrix(q, fit_resmoothed(problem, KalmanSmoother())).positive
+    found = AugmentedKalman()(problem)
     assert (found.value > 0).all()
     assert (found.std > 0).all()

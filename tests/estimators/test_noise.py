@@ -29,14 +29,6 @@ def series(x: np.ndarray, used: np.ndarray | None = None) -> ResidualSeries:
     return ResidualSeries(np.where(kept, x, 0.0)[None], kept[None], preceding_counts(kept)[None])
 
 
-def test_orders_and_coefficients_are_found() -> None:
-    e = drawn(COLOURED, 20_000, np.random.default_rng(0))
-    for j, expected in enumerate(COLOURED.coefficients):
-        found = autoregression(series(e[:, j]), 0, 20)
-        assert len(found) == len(expected)
-        np.testing.assert_allclose(found, expected, atol=4.5 / np.sqrt(20_000))
-
-
 def test_gaps_do_not_count() -> None:
     rng = np.random.default_rng(1)
     e, used = drawn(COLOURED, 20_000, rng)[:, 0], rng.uniform(size=20_000) > 0.05

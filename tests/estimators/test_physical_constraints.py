@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from dynident.estimators import bodies_of, estimate_sizes, mass_constraints, physical_constraints
-from dynident.models import INERTIAL, Model, Parameter, RigidBodies
+from dynident.models import INERTIAL, Parameter
 from dynident.models.lagrangian import two_link_arm
-from dynident.motion.log import Motion
-from dynident.regression import Regression
 from tests.estimators.arms import arm, problem
 from tests.estimators.welded import random_body, single
 
@@ -74,22 +72,6 @@ def test_torques_and_lever_arms_tell_the_size_of_a_body(mass: float, length: flo
         mass_ratio, length_ratio = (one.size[3] / other.size[3]) ** 2, one.size[0] / one.size[3]
         assert 0.3 < mass_ratio < 30
         assert 0.3 < length_ratio / (other.size[0] / other.size[3]) < 5
-
-
-def test_a_slider_has_its_mass_from_its_force() -> None:
-    text = (
-        '<robot name="slider"><link name="base"/><link name="cart"><inertial><mass value="0"/>'
-        '<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="prismatic">'
-        '<parent link="base"/><child link="cart"/><axis xyz="1 0 0"/></joint></robot>'
-    )
-    model = Model((RigidBodies(text),))
-    t = np.linspace(0.0, 5.0, 500)
-    states = np.sin(3 * t), 3 * np.cos(3 * t), -9 * np.sin(3 * t)
-    q, dq, ddq = (one[:, None] for one in states)
-    motion = Motion(t, q, dq, ddq, 5.0 * ddq, ("j",), np.ones(500, dtype=bool))
-    factors = Regression(model, (motion,)).triangular_factors
-    (found,) = estimate_sizes(bodies_of(model.parameters), model.parameters, factors)
-    assert found.size[3] ** 2 == pytest.approx(5.0, rel=1e-6)
 
 
 def test_what_no_joint_moves_has_no_size_of_its_own() -> None:

@@ -182,3 +182,24 @@ def test_three_units_are_tried(failures: int, failure: str, monkeypatch: pytest.
     np.testing.assert_allclose(directions[:, 2:], known.free)
     assert not linear.any()
     assert base is known.base
+
+
+def test_equalities_hold_on_the_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    posed = problem(arm(1e-2, 0.3), 1e-2, 0.3, samples=300)
+    known, constraints = program(posed)
+    index = posed.model.names.index("l5.mass")
+    fixed = interval_limit("mass", posed.model.parameters, {index: (4.0, 4.0)}).scale_rows(known.scale)
+    monkeypatch.setattr(staged, "STEP_UNITS", ())
+    theta = known.theta(staged._solve_scaled(known, replace(constraints, limits=(*constraints.limits, fixed))))
+    assert theta[index] == pytest.approx(4.0, rel=1e-6)
+
+
+def test_the_nearest_feasible_point_is_the_same_in_any_units() -> None:
+    """[[x, z], [z, y]] must be positive; y is counted in units of 1e-5."""
+    slopes = np.zeros((1, 2, 2, 3))
+    slopes[0, 0, 0, 0] = slopes[0, 1, 1, 1] = slopes[0, 0, 1, 2] = slopes[0, 1, 0, 2] = 1.0
+    theta, unit = np.array([2.0, 1.0, 3.0]), np.array([1.0, 1e-5, 1.0])
+    plain = nearest_feasible(theta, HESSIAN, [slopes], [0.1])
+    found = nearest_feasible(theta / unit, HESSIAN * np.outer(unit, unit), [slopes * unit], [0.1])
+    np.testing.assert_allclose(found * unit, plain, rtol=1e-5)
+    assert np.linalg.eigvalsh(slopes @ plain)[0, 0] == pytest.approx(0.1, rel=1e-4)

@@ -113,18 +113,6 @@ def test_rows_of_every_kind(loss):
         assert (np.abs(found.value - truth(model)) < 4.5 * found.std).all()
 
 
-def test_weights_of_the_regression_count_besides():
-    model = two_link_arm()
-    made = multisine_motion(model, 0.05)
-    halves = np.where(np.arange(len(made)) < 1500, 1.0, 1e-9)[:, None] * np.ones((1, 2))
-    weighted = Problem(model, (made,), Regression(model, (made,), weights=(halves,)))
-    found = RobustLeastSquares(tuning=1e5)(weighted)
-    alone = LeastSquares(weights="per_joint", iterations=50)(
-        make_problem(model, made.select_between(stop=made.t[1499]))
-    )
-    np.testing.assert_allclose(found.value, alone.value, atol=0.02 * alone.std.min())
-
-
 def test_too_few_steps_are_said():
     problem = make_problem(two_link_arm(), spoilt(multisine_motion(two_link_arm(), 0.05), 0.3))
     found = RobustLeastSquares(iterations=1)(problem)

@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from dynident.files.opener import set_memory
 from dynident.files.parquet import count_rows, value_counts
@@ -89,18 +87,6 @@ def parquet_bytes(frame, **options):
     file = BytesIO()
     frame.write_parquet(file, **options)
     return file.getvalue()
-
-
-@given(st.lists(st.lists(st.floats(allow_nan=False), min_size=1), min_size=1), st.integers(1, 5))
-def test_values_of_all_row_groups_are_counted(lists, rows):
-    frame = pl.DataFrame({"q": lists, "arm": [{"q": one, "t": 0.0} for one in lists]})
-    counts = value_counts(parquet_bytes(frame, row_group_size=rows))
-    total = sum(map(len, lists))
-    assert {path[:-2] if path[-1] != "t" else path: count for path, count in counts.items()} == {
-        ("q",): total,
-        ("arm", "q"): total,
-        ("arm", "t"): len(lists),
-    }
 
 
 def test_damage_is_an_error():

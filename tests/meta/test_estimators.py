@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import math
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -50,27 +49,6 @@ def test_every_kind_takes_part(load: Load) -> None:
         named = study.methods()[0] if study.__name__.endswith("arm") else study.methods()
         for kind in {*SMOOTHERS.table, *ESTIMATORS.table} - sizes - {"difference", "least_squares"}:
             assert any(kind in name.replace(",", "").split() for name in named), kind
-
-
-def test_the_arm_in_closed_loop_is_identified_from_a_short_log(load: Load) -> None:
-    arms = load("arm")
-    loop = arms.ClosedLoop(seconds=1.0)
-    truth, drives = loop.driven
-    model, theta, base = arms.arm()
-    record = loop.record(12, np.random.default_rng(0))
-    count = 2 * np.pi / 2**12
-    assert np.abs(record.log.q - truth.q).max() <= count / 2 * (1 + 1e-9)
-    assert record.log.controller is drives
-    left = truth.tau - model.torque(truth.q, truth.dq, truth.ddq, theta)
-    assert (np.sqrt(np.mean(left**2, axis=0)) < loop.noise).all()  # the truth fulfils its equation
-    assert arms.held_out(base.to_base(theta)[None])["error"] < 1e-9
-    noise = arms.coloured((20000, 1), np.random.default_rng(1))[:, 0]
-    assert noise.std() == pytest.approx(1, abs=0.05)
-    assert np.mean(noise[1:] * noise[:-1]) == pytest.approx(0.8, abs=0.05)
-    study = arms.study(["spline + least_squares"], [17.0], loop)
-    found = study.methods["spline + least_squares"].estimate(record)
-    assert len(found.value) == base.rank
-    assert math.isfinite(arms.held_out(found.value[None])["error"])
 
 
 def test_a_robot_without_recordings_is_skipped(

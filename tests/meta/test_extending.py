@@ -26,7 +26,6 @@ from dynident.project.saved import load
 from dynident.regression import Regression
 from dynident.runtime import ConfigError, InputError
 from dynident.testing.estimator import multisine_motion, truth
-from dynident.validation import robust_covariance
 from tests.robots import ARM
 
 PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
@@ -143,32 +142,6 @@ def test_a_reader_of_a_package_reads(folder: Path, monkeypatch: pytest.MonkeyPat
         read_columns(folder / "log.raw")
     with pytest.raises(InputError, match=r"log.row: cannot be read: there is no such file; did you mean 'log.raw'"):
         read_columns(folder / "log.row")
-
-
-def test_standard_errors_of_huber_are_honest_under_outliers(folder: Path) -> None:
-    """5 % of outliers, 20 times as wide as the noise: the HAC errors are those of repeated runs."""
-    path = slide(folder, estimator={"kind": "huber.py:Huber"})
-    huber = build_recipe(parse_config(path.read_text(), folder)).estimator
-    model = slider(width=1e-3, values=(5.0, 8.0, 3.0, 0.5))
-    clean = multisine_motion(model, samples=1500)
-    rng = np.random.default_rng(0)
-    values, told, plain = [], [], []
-    for _ in range(120):
-        noise = 0.1 * rng.standard_normal(clean.tau.shape)
-        noise += np.where(rng.uniform(size=noise.shape) < 0.05, 2.0 * rng.standard_normal(noise.shape), 0.0)
-        motion = type(clean)(clean.t, clean.q, clean.dq, clean.ddq, clean.tau + noise, clean.joints, clean.mask)
-        regression = Regression(model, (motion,))
-        found = huber(Problem(model, (motion,), regression))
-        weighted = Regression(model, (motion,), weights=found.residual.sample_weights)
-        covariance = robust_covariance(weighted, found.value, found.residual.weights, slopes=found.residual.slopes)
-        values.append(found.value)
-        told.append(np.sqrt(np.diag(covariance)))
-        plain.append(LeastSquares()(Problem(model, (motion,), regression)).value)
-    scatter = np.std(values, axis=0)
-    np.testing.assert_allclose(np.sqrt(np.mean(np.square(told), axis=0)), scatter, rtol=0.2)
-    inside = np.abs(np.array(values) - truth(model)) < 2 * np.array(told)
-    assert 0.91 < inside.mean() < 0.98
-    assert (scatter < 0.5 * np.std(plain, axis=0)).all()
 
 
 def test_a_search_uses_the_estimator_itself_or_its_stand_in() -> None:

@@ -7,6 +7,7 @@ import pickle
 import pytest
 import yaml
 
+from dynident.files.yaml_text import load_yaml
 from dynident.project.config import config_warnings, load_model, parse_config, read_config
 from dynident.project.settings import check_joints
 from dynident.runtime import ConfigError, ModelError
@@ -153,3 +154,9 @@ def test_a_torque_that_reads_a_position_is_warned_of():
 def test_a_validation_log_that_was_fitted_is_warned_of(spec):
     (words,) = warned(validation=[{**spec, "name": "test"}])
     assert words.startswith("validation 'test' overlaps in time with train 'one")
+
+
+def test_keys_are_names_and_values_may_be_truth_values():
+    """YAML 1.1 reads the key ``on`` as true."""
+    read = load_yaml("{ on: [a], no: yes, off: on, true: 1 }", "text")
+    assert read == {"on": ["a"], "no": True, "off": True, "true": 1}

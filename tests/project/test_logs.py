@@ -161,6 +161,11 @@ BAD_DATA = {
         ),
     ),
     "time restarts": (recording(t=lambda k: k % 100), "", ("0 s at line 102 runs backwards from 99 s",)),
+    "since 1970": (
+        recording(t=lambda k: f"{1714550000 + (5 - k if k in (2, 3) else k) / 100:.2f}"),
+        "",
+        ("the time 1714550000.02 s at line 5 runs backwards from 1714550000.03 s",),
+    ),
     "gap": (recording(t=lambda k: k * 0.01 + (k > 50)), "", ("a.csv (a): a gap of 1.01 s", "gaps: split")),
     "outside": (recording(), ", window: [5, 9]", ("window 5-9 s holds 0 samples", "from 0 to 1.99 s")),
     "too short": (recording(), ", window: [0, 0.1]", ("only 11 samples",)),
@@ -219,3 +224,22 @@ def test_a_recording_is_named_as_it_is_typed(monkeypatch, tmp_path):
     assert recording_argument(LogSpec.model_validate({"file": str(here)})) == str(Path("logs") / "q.csv")
     both = LogSpec.model_validate({"file": {"q": str(here), "tau": str(there)}})
     assert recording_argument(both) == f"q={Path('logs') / 'q.csv'},tau={there}"
+
+
+def test_a_recording_of_which_several_parts_are_used_is_read_once(tmp_path, monkeypatch):
+    written(tmp_path, "log.csv", "t,a,b\n" + "".join(f"{0.01 * k:.2f},{0.1 * k:.1f},{k}\n" for k in range(60)))
+    read = []
+    original = logs.read_columns
+    monkeypatch.setattr(logs, "read_columns", lambda path, *rest: read.append(path) or original(path, *rest))
+    text = """
+        model: arm.urdf
+        time: { column: t, unit: s }
+        position: { a: { column: a, unit: rad } }
+        torque: { a: { column: b, unit: N m } }
+        train: [{ file: log.csv, window: [0, 0.3] }, { file: log.csv, name: again, window: [0, 0.2] }]
+        validation: [{ file: log.csv, window: [0.3, 0.59] }]
+    """
+    config = parse_config(textwrap.dedent(text), tmp_path)
+    roles, _ = logs.read_with_findings(config, (Joint("a"),))
+    assert [len(one) for named in roles.values() for one in named.values()] == [31, 21, 30]
+    assert len(read) == 1

@@ -9,7 +9,7 @@ import pytest
 from dynident.project.config import load_robot, parse_config
 from dynident.project.fields import unit_factor
 from dynident.project.project import build_recipe
-from dynident.project.settings import RobotSettings, check_joints
+from dynident.project.settings import check_joints
 from dynident.runtime import ConfigError
 from tests.project.configurations import SLIDER, changed, with_channel
 from tests.robots import ARM
@@ -43,24 +43,6 @@ def test_channels_that_do_not_fit_the_joints(text, fragments):
     with pytest.raises(ConfigError) as caught:
         check_joints(parse_config(text), SLIDER)
     assert all(fragment in str(caught.value) for fragment in fragments), caught.value
-
-
-@pytest.mark.parametrize(
-    ("terms", "kinds", "chosen"),
-    [
-        ("auto", [], True),
-        (["auto"], [], True),
-        (["viscous", "auto", {"kind": "dahl", "length": 0.01}], ["Viscous", "Dahl"], True),
-        (["viscous"], ["Viscous"], False),
-    ],
-    ids=str,
-)
-def test_terms_that_the_data_choose_are_not_in_the_model(terms, kinds, chosen):
-    settings = parse_config(changed(model={"file": "arm.urdf", "terms": terms})).model
-    assert isinstance(settings, RobotSettings)
-    model = load_robot(settings, ARM)
-    assert [type(term).__name__ for term in model.terms] == ["RigidBodies", *kinds]
-    assert settings.chooses_terms is chosen
 
 
 OWN = """

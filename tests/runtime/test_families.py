@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from hypothesis import given
-from hypothesis import strategies as st
 
 from dynident.cli import main
 from dynident.estimators import (
@@ -126,18 +124,6 @@ def test_a_described_part_builds_itself(family, part):
 @pytest.mark.parametrize("part", ON_JOINTS, ids=repr)
 def test_a_described_term_builds_itself(part):
     assert again(TERMS, part, joints=JOINTS) == part
-
-
-@given(
-    ends=st.floats(0, 1e300),
-    factor=st.floats(1e-300, 1e300),
-    sigma=st.none()
-    | st.floats(1e-300, 1e300)
-    | st.dictionaries(st.text(min_size=1).filter(str.strip), st.floats(1e-9, 9)),
-)
-def test_numbers_keep_all_their_digits(ends, factor, sigma):
-    part = Spline(Constraint(), sigma, ends, factor)
-    assert again(SMOOTHERS, part) == part
 
 
 def test_every_term_is_tried_here():

@@ -9,7 +9,7 @@ import pytest
 
 from dynident.estimators import Problem
 from dynident.estimators.maximum_likelihood import has_sign, plan_segment, torque_steps, with_smooth_signs
-from dynident.estimators.maximum_likelihood.plan import recordings
+from dynident.estimators.maximum_likelihood.plan import _interpolate, misfit, recordings
 from dynident.estimators.notes import Averaged
 from dynident.models import CoupledMotor, Joint, Model
 from dynident.models.friction import Coulomb, Power, Stribeck, Viscous
@@ -79,6 +79,15 @@ def test_without_logs_runs_of_twenty_usable_samples_are_recordings(usable: int, 
         recordings(none, None, steps=False)
 
 
+def test_misfit_is_the_residual_without_transients() -> None:
+    (motion,), rng, theta = posed(4000).motions, np.random.default_rng(3), np.array([2.0, 0.5])
+    tau = motion.dq * theta + rng.normal(size=(4000, 2)) * (0.1, 0.3)
+    tau[:200] += 1e3
+    tau[2000:] *= 9.0
+    given = replace(posed(4000), motions=(replace(motion, tau=tau, mask=np.arange(4000) < 2000),))
+    np.testing.assert_allclose(misfit(given, theta), (0.1, 0.3), rtol=0.2)
+
+
 class TestFriction:
     def test_soft_signs_keep_the_parameters(self) -> None:
         joints = (Joint("a"), Joint("b"))
@@ -111,3 +120,13 @@ class TestFriction:
         np.testing.assert_allclose(ratio, np.tanh(1.0))
         np.testing.assert_array_equal(columns[1], sharp.regressor(*states)[0, 1])
         assert np.isfinite(soft.partials(*(np.zeros((1, 2)),) * 3, np.ones(6)).dq).all()
+
+
+@pytest.mark.parametrize(
+    ("x", "slope", "y"),
+    [(1.0, 1.0, 2.0), (1.5, 1.0, 2 * np.exp(0.25)), (5.0, 1.0, 2 * np.exp(2)), (99.0, 1.0, 2 * np.exp(6)),
+     (1.5, -1.0, 1.5), (0.0, 1.0, 1.0), (0.5, 1.0, 1.5), (0.5, 3.0, 1.25), (0.25, 3.0, 1.15625)],
+)  # fmt: skip
+def test_a_curve_goes_on_straight_downwards_and_exponentially_upwards(x: float, slope: float, y: float) -> None:
+    """From (0, 1) with slope 1 to (1, 2), between which it is a cubic."""
+    assert _interpolate((0.0, 1.0, 1.0), (1.0, 2.0, slope), x) == pytest.approx(y)

@@ -18,6 +18,7 @@ from dynident.estimators.maximum_likelihood import (
     leverage,
     plan_segment,
 )
+from dynident.estimators.maximum_likelihood.equations import scores
 from dynident.estimators.maximum_likelihood.newton import Elimination
 from dynident.estimators.maximum_likelihood.trajectory import DEGREE, Arrow, graded_breaks
 from dynident.models.lagrangian import two_link_arm
@@ -122,6 +123,27 @@ class TestSegment:
         share, squares = one.shares(state)
         np.testing.assert_allclose(squares, (left**2).sum(axis=0), rtol=1e-6)
         np.testing.assert_allclose(share, one.position_basis.values.T @ left, atol=1e-4 * np.abs(left).max())
+
+    def test_bend_is_the_mixed_second_derivative(self, rng: np.random.Generator) -> None:
+        """The gradient by C changes with theta by the border and the bend."""
+        arm, one = two_link_arm(), article_segment()
+        theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+        state = one.initial_state(sigma.q, np.full(2, 30.0))
+        here = equations(one, Hypothesis(arm, theta, sigma), state)
+        dtheta = 1e-6 * theta * rng.standard_normal(7)
+        there, back = (equations(one, Hypothesis(arm, theta + s * dtheta, sigma), state) for s in (1, -1))
+        change = (there.by_coefficients - back.by_coefficients) / 2
+        expected = -(here.border[:, -7:] + here.mixed_hessian) @ dtheta
+        np.testing.assert_allclose(change, expected, rtol=1e-2, atol=1e-3 * np.abs(expected).max())
+
+    def test_scores_add_up_to_the_gradient(self) -> None:
+        arm, one = two_link_arm(), article_segment(rest=False)
+        theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+        state = one.initial_state(sigma.q, np.full(2, 30.0))
+        found = equations(one, Hypothesis(arm, theta, sigma), state)
+        follow = np.ones((len(found.band[0]), 7))
+        pulls = scores(one, Hypothesis(arm, theta, sigma), state, follow)
+        np.testing.assert_allclose(pulls.sum(axis=0), found.by_border - found.by_coefficients.sum(), rtol=1e-9)
 
     def test_leverage_counts_the_coefficients(self) -> None:
         """Positions, torques and the equations between samples share the coefficients; none takes a negative part."""

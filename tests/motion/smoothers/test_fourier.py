@@ -12,6 +12,7 @@ from dynident.motion.smoothers.harmonics import (
     factor_of,
     fit_series,
     highest_harmonic,
+    noise_correction,
     noise_power,
     sample_products,
     series_values,
@@ -232,3 +233,7 @@ def test_samples_that_do_not_determine_it_are_refused() -> None:
     for t in (EVEN[:30], times("uneven")[:30]):
         with pytest.raises(np.linalg.LinAlgError):
             factor_of(t, 7.3, 20)
+
+
+def test_a_fit_takes_one_line_of_so_many() -> None:
+    assert [noise_correction(x) for x in (1.2, 2.0, 10.0)] == pytest.approx([2.4, 2.0, 10 / 9])

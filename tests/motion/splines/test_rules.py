@@ -7,7 +7,7 @@ import pytest
 
 from dynident.motion.splines import GCV, REML, Constraint, Fixed, Interpolation, rule_by_name, smooth
 from dynident.motion.splines.compiled import Solver, SplineTrial
-from dynident.motion.splines.search import SearchPoint, _lowest_minimum, _parabola_zero, _slope_at, hermite_root
+from dynident.motion.splines.search import SearchPoint, _lowest_minimum, _slope_at
 from dynident.runtime import ConfigError
 from tests.motion.splines.reference import matrices, series
 
@@ -115,22 +115,6 @@ def test_small_samples_and_slow_motion_reach_the_constraint_without_warnings() -
         y = 1e-2 * np.sin(0.3 * t) + 1e-3 * rng.standard_normal(4000)
         fit = smooth(t, y, sigma=1e-3 * rng.uniform(0.7, 0.99))
         assert pytest.approx(4000, rel=1e-8) == fit.S or fit.p == 0
-
-
-def test_inverse_hermite_interpolation_is_exact_for_a_cubic() -> None:
-    """The search knows (x, error, slope of the error): of x = 2 + 3 e - e^2 + e^3 / 2, the zero of e is at x = 2."""
-
-    def point(e: float) -> tuple[float, float, float]:
-        return 2 + 3 * e - e**2 + e**3 / 2, e, 1 / (3 - 2 * e + 1.5 * e**2)
-
-    for a, b in ((0.7, -0.4), (-0.4, 0.7), (0.3, 0.9)):
-        assert hermite_root(point(a), point(b)) == pytest.approx(2.0, rel=1e-12)
-
-
-def test_inverse_interpolation_is_exact_for_a_parabola() -> None:
-    known = [(3 - 2 * s + 0.3 * s * s, 0.0, s) for s in (-1.0, 0.4, 2.0)]
-    assert _parabola_zero(known) == pytest.approx(3.0, rel=1e-12)
-    assert np.isnan(_parabola_zero([known[0], known[0], known[1]]))
 
 
 def test_a_slope_is_continued_by_at_most_a_tenth() -> None:

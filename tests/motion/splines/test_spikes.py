@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.motion.splines import bridge_gaps, frozen_samples, spikes, torn_ends
-from dynident.motion.splines.spikes import _increment
+from dynident.motion.splines import bridge_gaps, frozen_samples, median_sigma, spikes, torn_ends
+from dynident.motion.splines.spikes import LOCAL_NOISE_FACTOR, NOISE_BLOCK, _candidates, _increment
 
 T = np.arange(5000) * 1e-3
 NOISE = 1e-4
@@ -151,3 +151,14 @@ def test_a_bridge_to_three_samples_starts_at_their_line() -> None:
     gone = (t >= 3) & (t <= 6)
     bridge = bridge_gaps(np.delete(t, 4), np.delete(x, 4), np.delete(gone, 4))  # 4.5 lies midway between 2 and 7
     np.testing.assert_allclose(np.interp(5.0, np.delete(t, 4), bridge), (1 / 3) * (1 - 3 * 0.6**2 + 2 * 0.6**3))
+
+
+@pytest.mark.parametrize("samples", [40, 149, 1000, 1049])
+def test_the_noise_nearby_is_the_largest_of_three_blocks(samples: int) -> None:
+    t, x = T[:samples], signal(0)[:samples]
+    bend = np.concatenate(([0.0], x[1:-1] - (x[:-2] + x[2:]) / 2, [0.0]))
+    blocks = np.array_split(bend, max(samples // NOISE_BLOCK, 1))
+    spread = np.array([float(median_sigma(block - np.median(block))) for block in blocks])
+    around = [max(spread[k - 1], spread[k], spread[(k + 1) % len(spread)]) for k in range(len(spread))]
+    _, nearby = _candidates(t, x)
+    assert nearby == pytest.approx(LOCAL_NOISE_FACTOR * np.repeat(around, [len(block) for block in blocks]), rel=1e-6)

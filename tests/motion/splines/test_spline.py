@@ -50,19 +50,6 @@ def test_agrees_with_the_printed_algorithm(kind: str, weighted: bool) -> None:
     np.testing.assert_allclose(fit.c, c, atol=1e-6 * np.abs(c).max())
 
 
-@pytest.mark.parametrize("kind", ["uniform", "jittered", "wild"])
-@pytest.mark.parametrize(("m", "h", "n"), [(2, 1e-5, 300), (131, 1e-1, 300), (500, 1e-3, 800)])
-def test_second_derivative_against_fifty_digits(kind: str, m: int, h: float, n: int) -> None:
-    t = grid(n, h, kind)
-    y = np.sin(12 * np.arange(n) / n) + 1e-3 * np.random.default_rng(3).standard_normal(n)
-    step = (t[-1] - t[0]) / (n - 1)
-    fit = smooth(t, y, Fixed(lam=m**4 * step**3))
-    exact = second_derivative(t, y, float(fit.p), np.ones(n))
-    assert np.linalg.norm(fit.derivative(2) - exact) <= 1e-10 * np.linalg.norm(exact)
-    assert fit.accuracy < 1e-12
-    assert fit.bandwidth == pytest.approx(m * step)
-
-
 @pytest.mark.parametrize("kind", ["uniform", "jittered", "wild", "wilder"])
 @pytest.mark.parametrize("weighted", [False, True])
 def test_the_second_derivative_is_as_accurate_as_is_stated(kind: str, weighted: bool) -> None:

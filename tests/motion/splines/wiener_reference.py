@@ -1,4 +1,4 @@
-"""Integrated Wiener processes in dense algebra, and by the textbook's recursion: independent of all banded systems."""
+"""Integrated Wiener processes in dense algebra: independent of all banded systems."""
 
 from __future__ import annotations
 
@@ -45,30 +45,14 @@ def _derived(t: np.ndarray, power: int, a: int) -> np.ndarray:
     return np.zeros_like(t) if power < a else factorial(power) / factorial(power - a) * t ** (power - a)
 
 
-def recursion(t: np.ndarray, y: np.ndarray, order: int, r: float, q: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """Kalman filter and backward pass of Rauch, Tung and Striebel: means (N, m), covariances, log-likelihood.
-
-    The first m samples tell the start exactly; the likelihood is that of the others given them.
-    """
-    x, P = _start(t[:order], y[:order], order, r, q)
-    means, spreads, ahead, whole = [x], [P], [], 0.0
-    for k in range(order, len(t)):
-        F, Q = _step(t[k] - t[k - 1], order, q)
-        x, P = F @ x, F @ P @ F.T + Q
-        ahead.append((F, x, P))
-        error, variance = y[k] - x[0], P[0, 0] + r
-        whole -= 0.5 * (np.log(2 * np.pi * variance) + error**2 / variance)
-        gain = P[:, 0] / variance
-        x, keep = x + gain * error, np.eye(order) - np.outer(gain, np.eye(order)[0])
-        P = keep @ P @ keep.T + r * np.outer(gain, gain)
-        means.append(x)
-        spreads.append(P)
-    for k in reversed(range(len(means) - 1)):
-        F, x, P = ahead[k]
-        gain = spreads[k] @ F.T @ np.linalg.inv(P)
-        means[k] = means[k] + gain @ (means[k + 1] - x)
-        spreads[k] = spreads[k] + gain @ (spreads[k + 1] - P) @ gain.T
-    return np.array(means), np.array(spreads), whole
+def likelihood(t: np.ndarray, y: np.ndarray, order: int, r: float, q: float) -> float:
+    """The log-likelihood for a diffuse start, up to a constant of the times: the restricted one."""
+    t = t - t[0]
+    inverse = np.linalg.inv(q * covariance(t, t, order, 0, 0) + r * np.eye(len(t)))
+    X = np.vander(t, order, increasing=True)
+    gram = X.T @ inverse @ X
+    left = y - X @ np.linalg.solve(gram, X.T @ inverse @ y)
+    return 0.5 * float(np.linalg.slogdet(inverse)[1] - np.linalg.slogdet(gram)[1] - left @ inverse @ y)
 
 
 def _step(h: float, order: int, q: float) -> tuple[np.ndarray, np.ndarray]:
@@ -76,14 +60,6 @@ def _step(h: float, order: int, q: float) -> tuple[np.ndarray, np.ndarray]:
         return np.array([[1, h], [0, 1]]), q * np.array([[h**3 / 3, h**2 / 2], [h**2 / 2, h]])
     rows = [[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]]
     return np.array([[1, h, h**2 / 2], [0, 1, h], [0, 0, 1]]), q * np.array(rows)
-
-
-def _start(t: np.ndarray, y: np.ndarray, order: int, r: float, q: float) -> tuple[np.ndarray, np.ndarray]:
-    """State at the last of m samples of which nothing else is known."""
-    back = t[-1] - t[::-1]  # the process runs backward from the last of them
-    K = q * covariance(back, back, order, 0, 0) + r * np.eye(order)
-    inverse = np.linalg.inv(np.column_stack([back**k / factorial(k) * (-1) ** k for k in range(order)]))
-    return inverse @ y[::-1], inverse @ K @ inverse.T
 
 
 def sampled(t: np.ndarray, order: int, q: float, rng: np.random.Generator) -> np.ndarray:

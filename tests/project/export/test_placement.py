@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pinocchio
 import pytest
 
 from dynident.estimators import PhysicallyConsistent
@@ -15,7 +14,7 @@ from dynident.models import Model, RigidBodies, RotorInertia, consistency_violat
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.models.simulation import record, simulate
 from dynident.motion.smoothers import Spline
-from dynident.project.export import IdentifiedModel, Urdf, export, exports, identified_urdf, random_states
+from dynident.project.export import IdentifiedModel, exports, random_states
 from dynident.project.export.written import place_values
 from dynident.runtime import ConfigError, ModelError
 from tests.robots import joint, link, urdf
@@ -60,36 +59,6 @@ def test_where_nothing_can_be_left_of_many_less_is_tried(monkeypatch):
     assert len(tried) > 2
     state = random_states(6, np.random.default_rng(0))
     np.testing.assert_allclose(moved.model.torque(*state, moved.value), one.model.torque(*state, one.value), atol=1e-8)
-
-
-def mass_matrix(text, q):
-    model = pinocchio.buildModelFromXML(text)
-    upper = np.triu(pinocchio.crba(model, model.createData(), q))
-    return upper + np.triu(upper, 1).T
-
-
-def test_rotors_that_only_a_sum_shows_are_in_the_written_links():
-    one = six_axes()
-    written, rng = identified_urdf(one), np.random.default_rng(0)
-    for q in rng.uniform(-3, 3, (5, 6)):
-        error = mass_matrix(written.text, q) - one.model.mass_matrix(q[None], one.value)[0]
-        np.testing.assert_allclose(error[:2, :2], 0.0, atol=1e-9)  # the rotors of both first joints
-        np.testing.assert_allclose(np.diag(error)[2:], [-x for x in ROTORS[2:]], atol=1e-9)  # others act alone
-    assert [line.split(" = ")[0] for line in written.left_out] == ["Ia_j3", "Ia_j4", "Ia_j5", "Ia_j6"]
-    assert any("Ia_j1 (0.5 kg m^2), Ia_j2 (0.6 kg m^2): part of" in note for note in written.notes)
-    assert export(one, Urdf(), random_states(6, rng)).ready
-
-
-def test_the_torque_is_kept_and_bodies_stay_physical():
-    one = six_axes(offset=0.2)
-    best = place_values(one, armature=False)
-    states = random_states(6, np.random.default_rng(1))
-    torque = one.model.torque(*states, one.value)
-    np.testing.assert_allclose(
-        best.model.torque(*states, best.value), torque, rtol=0, atol=1e-10 * np.abs(torque).max()
-    )
-    assert all(consistency_violations(body) == () for body in best.bodies[1])
-    assert (best.value[-6:] == 0.2).all()  # a constant torque is nothing that bodies have
 
 
 def test_bodies_at_the_edge_of_what_is_physical_take_what_they_can():

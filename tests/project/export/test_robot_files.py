@@ -112,16 +112,6 @@ SHAPES = (
 )
 
 
-@pytest.mark.parametrize(("text", "exporter"), [(ARM, Mjcf()), (ARM_MJCF, Urdf())])
-@pytest.mark.parametrize("options", [{}, {"joints_used": ("shoulder", "rail"), "locked": {"twist": 0.4}}])
-def test_the_other_format_has_the_same_torque(text, exporter, options):
-    states = STATES if not options else random_states(2, np.random.default_rng(0), 30)
-    made = export(arm(text, gravity=(1.0, 2.0, -9.0), **options), exporter, states)
-    assert made.ready, made.refusal
-    assert len(made.proof.readers) == 2
-    assert made.proof.agreement < 1e-12
-
-
 def test_an_mjcf_of_a_urdf_is_complete():
     text = ARM.replace('<link name="base">', f'<link name="base">{SHAPES}')
     servos = {"shoulder": Servo(17.0, 1.5, 3.0, 0.02)}

@@ -44,7 +44,7 @@ ROBOT_FILES = ("example-robot-data==6.0.0", "robosuite==1.5.2")
 ROBOT_TESTS = (
     "tests/laws/test_robot_packages.py",
     "tests/models/robot_files",
-    "tests/files/test_xacro.py",
+    "tests/files/test_xml_text.py",
     "tests/project/export",
 )
 # by Python, not by the programs in BIN: those name the folder in which they were installed

@@ -44,12 +44,6 @@ def test_every_finding_is_printed_before_the_exit_code(tmp_path: Path) -> None:
     assert "Motion in training" in done.output
 
 
-def test_a_turned_sign_is_a_question(tmp_path: Path) -> None:
-    write_log(tmp_path)
-    done = succeed("check", configure(tmp_path, torque={"slider": {"column": "force", "gain": -1, "unit": "N"}}))
-    assert "is the sign of the torque reversed?" in done.output
-
-
 def test_robot_files_alone(tmp_path: Path) -> None:
     (tmp_path / "good.urdf").write_text(ARM)
     (tmp_path / "bad.urdf").write_text(ARM.replace(link("base", 4.0), link("base", -4.0)))
@@ -78,12 +72,6 @@ def test_nowhere_to_write_is_said_before_the_work(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("mine")
     done = refuse("check", tmp_path / "missing.yaml", "--json", tmp_path / "taken" / "x.json", says="taken")
     assert "missing.yaml" not in done.output
-
-
-def test_names_from_files_are_not_markup(tmp_path: Path) -> None:
-    (tmp_path / "arm.urdf").write_text(ARM.replace('"wrist"', '"[red]wrist[/]"'))
-    done = succeed("check", tmp_path / "arm.urdf", "-v")
-    assert "[red]wrist[/]" in done.output
 
 
 def test_a_misspelt_file_is_answered_by_the_one_meant(tmp_path: Path) -> None:

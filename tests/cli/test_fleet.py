@@ -73,10 +73,3 @@ def test_an_interrupted_fleet_says_where_its_logs_are(
     code, said = run_command(fleet, "--out", tmp_path / "out", "--workers", "1")
     assert code == 130
     assert "run the same command again" in said
-
-
-def test_a_wrong_configuration_ends_in_one_line(tmp_path: Path) -> None:
-    (tmp_path / "fleet.yaml").write_text("recipe: robot.yaml\nlog: x\n")
-    code, said = run_command(tmp_path / "fleet.yaml", "--out", tmp_path / "out")
-    assert code == 1
-    assert "unknown key 'log'; did you mean 'logs'" in said

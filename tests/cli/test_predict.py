@@ -16,7 +16,7 @@ import yaml
 from dynident.models import Model, RigidBodies, RotorInertia
 from dynident.project.export import Yaml
 from tests.cli.commands import configure, refuse, run, succeed, write_log
-from tests.laws.test_new_user import CONSTANT, RATIO, URDF, T, folder, identify
+from tests.laws.test_new_user import URDF, T, folder, identify
 from tests.saved_results import errors_by_log
 
 __all__ = ["folder"]
@@ -81,26 +81,6 @@ class TestIdentify:
             assert not files[kind]["proven"]
             assert refusal in files[kind]["refusal"]
         assert {path.name for path in again.iterdir()} == {"model.py", "report.html", "result.json"}
-
-    @pytest.mark.parametrize("name", ["parameters.yaml", "model.py"])
-    def test_what_was_read_is_not_replaced(self, tmp_path: Path, name: str) -> None:
-        write_log(tmp_path)
-        (tmp_path / "mine.py").write_text("from dynident.models.lagrangian import slider as build")
-        path = configure(tmp_path, model="model.py:build" if name == "model.py" else "mine.py:build")
-        (tmp_path / "mine.py").rename(tmp_path / "model.py") if name == "model.py" else path.rename(tmp_path / name)
-        refuse(
-            "identify",
-            tmp_path / name if name.endswith("yaml") else path,
-            "--out",
-            tmp_path,
-            says=f"{name}: would be replaced",
-        )
-        assert not (tmp_path / "result.json").exists()
-
-    def test_a_symbolic_model_has_no_robot_file(self, slider: Path) -> None:
-        assert sorted(path.name for path in slider.parent.iterdir()) == [
-            "model.py", "parameters.yaml", "report.html", "result.json",
-        ]  # fmt: skip
 
 
 class TestPredict:
@@ -233,24 +213,10 @@ class TestExport:
         )
 
 
-def test_motor_constants_hold_in_a_prediction(arm: Path) -> None:
-    """The channels' gains are those of the configuration: torques in N m, not mA."""
-    table = arm.parent / "gains.csv"
-    assert run("predict", arm / "result.json", arm.parent / "monday.csv", "--out", table).exit_code == 0
-    frame = pl.read_csv(table)
-    current = pl.read_csv(arm.parent / "monday.csv", separator=";")["elbow i_q"]
-    np.testing.assert_allclose(frame["measured_elbow"], current * 1e-3 * CONSTANT * RATIO["elbow"], rtol=1e-9)
-
-
 @pytest.mark.parametrize(
     "words",
     [
-        "export out/result.json --format yaml --out out/result.json",
-        "export out/result.json --format yaml --out identify.yaml",
         "export out/result.json --format yaml --out log.csv",
-        "predict out/result.json log.csv --out log.csv",
-        "check identify.yaml --json log.csv",
-        "bound identify.yaml --json identify.yaml",
         "reproduce --json log.csv",
         "smooth smoothed.csv --time time --out .",
         "schema --out identify.yaml",

@@ -1,23 +1,39 @@
-"""Only regular files are read, within a budget of memory; nothing else takes time or ends in a traceback."""
+"""Only regular files and files of stores are read, within a budget of memory; nothing else ends in a traceback."""
 
 from __future__ import annotations
 
 import ast
+import builtins
 import os
 import socket
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import fsspec
 import pytest
 
 import dynident as dy
-from dynident.files.opener import content, open_input, read_text, real_path, refuse_inputs, set_memory, watch_inputs
+from dynident.files.opener import (
+    content,
+    file_stamp,
+    is_address,
+    local_file,
+    matching_files,
+    open_input,
+    read_text,
+    real_path,
+    refuse_inputs,
+    set_memory,
+    strip_scheme,
+    watch_inputs,
+)
 from dynident.files.results import read_table, write_text
 from dynident.files.tables import read_columns
 from dynident.project.config import read_config, robot_text
 from dynident.project.saved import load
 from dynident.runtime import MEMORY_VARIABLE, ConfigError, DynidentError, InputError, ModelError, memory_budget
-from tests.cli.commands import configure, run, write_log
 
 READERS = {
     "yaml": read_config,
@@ -98,19 +114,6 @@ def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path, kind: str, m
         assert Path(path).stem[:50].replace("\0", "\\x00") in str(raised.value), what
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may search any folder")
-def test_a_folder_that_cannot_be_searched_is_named(tmp_path: Path) -> None:
-    (tmp_path / "closed").mkdir(0o600)
-    with pytest.raises(InputError, match="Permission denied"):
-        read_columns(tmp_path / "closed" / "a.csv")
-
-
-def test_a_link_to_a_file_is_read(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("t\n1\n2\n")
-    (tmp_path / "b.csv").symlink_to("a.csv")
-    assert list(read_columns(tmp_path / "b.csv").column("t")) == [1, 2]
-
-
 def test_a_name_that_no_file_can_have_is_the_error_of_its_kind() -> None:
     for error in (InputError, ConfigError, ModelError):
         with pytest.raises(error, match="is no name of a file"):
@@ -146,13 +149,6 @@ def test_a_file_beyond_the_budget_is_refused_before_it_is_read(tmp_path: Path) -
         pass
 
 
-@pytest.mark.parametrize("words", [["--memory", "1e-4"], ["--memory", "0.2"]])
-def test_the_option_sets_the_budget_of_a_command(tmp_path: Path, words: list[str]) -> None:
-    write_log(tmp_path)
-    done = run("check", configure(tmp_path), *words)
-    assert ("raise this by --memory" in done.output.replace("\n", " ")) == (words[1] == "1e-4")
-
-
 def test_a_compressed_table_is_none(tmp_path: Path) -> None:
     import gzip
 
@@ -171,3 +167,78 @@ def test_a_device_is_not_written_over(tmp_path: Path) -> None:
         with pytest.raises(InputError):
             refuse_inputs(path)
     assert Path("/dev/null").is_char_device()
+
+
+@pytest.fixture
+def store() -> Iterator[Any]:
+    """Files in memory, as in an object store."""
+    found = fsspec.filesystem("memory")
+    found.pipe({"/fleet/a/one.csv": b"t,q\n", "/fleet/b/two.csv": b"t,q\n1,2\n", "/fleet/b/c/three.csv": b""})
+    yield found
+    found.rm("/fleet", recursive=True)
+
+
+def test_addresses_are_told_from_paths() -> None:
+    assert [is_address(one) for one in ("s3://b/k", "memory://a", "logs/a.csv", "C:\\logs", "a:b/c")] == [
+        True, True, False, False, False
+    ]  # fmt: skip
+
+
+@pytest.mark.usefixtures("store")
+def test_files_of_a_store_are_listed_and_fetched(tmp_path: Path) -> None:
+    found, _ = matching_files("memory://fleet/*/*.csv", tmp_path)
+    assert [one.name for one in found] == ["memory:///fleet/a/one.csv", "memory:///fleet/b/two.csv"]
+    assert [one.match_name for one in found] == ["/fleet/a/one.csv", "/fleet/b/two.csv"]
+    assert strip_scheme("memory://fleet/{robot}/{date}.csv") == "/fleet/{robot}/{date}.csv"
+    assert file_stamp(found[1].name, tmp_path) == found[1].stamp
+    with local_file(found[1].name, tmp_path) as path:
+        assert (path.name, path.read_bytes()) == ("two.csv", b"t,q\n1,2\n")
+    assert not path.exists()
+
+
+def test_a_stamp_changes_with_the_file(store: Any, tmp_path: Path) -> None:
+    before = file_stamp("memory://fleet/a/one.csv", tmp_path)
+    store.pipe("/fleet/a/one.csv", b"t,tau\n")
+    assert file_stamp("memory://fleet/a/one.csv", tmp_path) != before
+    (tmp_path / "a.csv").write_text("1")
+    local = file_stamp("a.csv", tmp_path)
+    (tmp_path / "a.csv").write_text("12")
+    assert file_stamp("a.csv", tmp_path) != local
+
+
+@pytest.mark.usefixtures("store")
+def test_what_is_not_there_has_no_stamp_and_cannot_be_fetched(tmp_path: Path) -> None:
+    assert file_stamp("none.csv", tmp_path) == file_stamp("memory://fleet/none.csv", tmp_path) == ""
+    with pytest.raises(InputError, match="there is no such file"), local_file("memory://fleet/none.csv", tmp_path):
+        pass
+
+
+@pytest.mark.parametrize("address", ["nosuch://a/b.csv", "s3://bucket/{robot}.csv"])
+def test_an_unknown_scheme_and_a_missing_package_are_named(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import_module = builtins.__import__
+
+    def without_s3(name: str, *given: Any, **how: Any) -> Any:
+        if name.partition(".")[0] == "s3fs":
+            raise ImportError(name)
+        return import_module(name, *given, **how)
+
+    monkeypatch.setattr(builtins, "__import__", without_s3)
+    with pytest.raises(InputError, match=r"cannot be opened: .*(nosuch|s3fs)"):
+        matching_files(address, tmp_path)
+
+
+def test_a_store_that_does_not_answer_is_named(store: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object, **__: object) -> None:
+        raise ConnectionError("refused")
+
+    monkeypatch.setattr(type(store), "glob", refused)
+    with pytest.raises(InputError, match=r"memory://fleet/.*: the store does not answer: ConnectionError: refused"):
+        matching_files("memory://fleet/*", tmp_path)
+
+
+def test_without_fsspec_what_to_install_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "fsspec.core", None)
+    with pytest.raises(InputError, match=r"needs fsspec: .*install fsspec"):
+        file_stamp("s3://bucket/a.csv", tmp_path)

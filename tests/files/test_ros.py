@@ -228,15 +228,6 @@ def test_a_length_beyond_the_memory_is_damage(tmp_path, sound, monkeypatch):
         read_columns(path)
 
 
-@FUZZ
-@given(data=st.binary(max_size=300), kind=st.sampled_from(KINDS))
-def test_any_bytes_are_no_bag(tmp_path, data, kind):
-    path = tmp_path / f"fuzz.{kind}"
-    path.write_bytes(data)
-    with pytest.raises(InputError):
-        read_columns(path)
-
-
 def test_bags_are_read_in_turn(tmp_path):
     """rosbags has one table of decompressors: each bag finds it as it was, also beside another thread."""
     before, order = dict(reader.decompressors), []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -91,20 +92,27 @@ def test_what_is_least_squares_takes_irregular_times_as_they_are(smoother: Smoot
     assert np.abs(made.ddq - true)[made.mask].max() < 1e-5 * np.abs(true).max()
 
 
+@cache
+def moved_alone(smoother: Smoother, size: float) -> tuple[Log, Motion]:
+    """Return a log of one joint that moves, and what a smoother makes of it."""
+    log = make_log(1e-5, n=2000, h=5e-3, motion=motion_for(smoother))
+    log = replace(log, q=size * log.q).select(("b",))
+    return log, smoother(log)
+
+
 @pytest.mark.parametrize("smoother", RESTING, ids=repr)
 @pytest.mark.parametrize("kind", ["noise", "flicker", "constant"])
 @pytest.mark.parametrize("size", [1.0, 1e-4])
 def test_a_joint_at_rest_has_no_velocity_and_takes_nothing_from_one_that_moves(
     smoother: Smoother, kind: str, size: float
 ) -> None:
-    log, rng = make_log(1e-5, n=2000, h=5e-3, motion=motion_for(smoother)), np.random.default_rng(5)
+    (log, alone), rng = moved_alone(smoother, size), np.random.default_rng(5)
     rests = {"noise": 1e-5 * rng.standard_normal(len(log)), "flicker": 1e-4 * (rng.uniform(size=len(log)) > 0.7)}
-    rest, moving = 0.4 + rests.get(kind, np.zeros(len(log))), replace(log, q=size * log.q).select(("b",))
-    made = smoother(replace(log, q=np.column_stack([rest, moving.q])))
+    rest = 0.4 + rests.get(kind, np.zeros(len(log)))
+    made = smoother(Log(log.t, np.column_stack([rest, log.q]), np.column_stack([log.tau, log.tau]), ("a", "b"), "made"))
     assert made.q[:, 0] == pytest.approx(rest.mean(), rel=1e-12)
     assert not made.dq[:, 0].any()
     assert not made.ddq[:, 0].any()
-    alone = smoother(moving)
     if not isinstance(smoother, Spline):  # whose ends count all widths
         np.testing.assert_array_equal(made.mask, alone.mask)
     np.testing.assert_allclose(made.ddq[:, 1], alone.ddq[:, 0], atol=1e-6 * np.abs(alone.ddq).max())

@@ -6,7 +6,6 @@ import importlib
 import json
 import os
 import runpy
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -57,36 +56,6 @@ def test_a_work_is_measured_with_the_kernel_without_it_and_by_its_peers(tried: S
     assert found["a peer that is not here"] == "a peer that is not here is not found"
 
 
-def test_a_work_that_fails_is_no_figure(tried: SimpleNamespace, capfd: pytest.CaptureFixture[str]) -> None:
-    found = tried.measure.measured(tried.measure.Work("tried", "broken", ways=("with",), seconds=0))
-    assert found == {"with": tried.measure.FAILED}
-    assert "ZeroDivisionError" in capfd.readouterr().err
-
-
-def test_the_best_of_all_rounds_counts_and_the_largest_memory(bench: SimpleNamespace) -> None:
-    one, other = bench.measure.Figure(1.0, 4.0, 0.5, 0.1), bench.measure.Figure(2.0, 3.0, 0.4, 0.2)
-    assert one.best(other) == bench.measure.Figure(1.0, 3.0, 0.5, 0.2)
-
-
-@pytest.mark.parametrize(
-    ("own", "peer", "met"),
-    [(1.0, 40.0, True), (1.0, 20.0, False), (3.0, 400.0, False), (1.0, None, None), (None, 40.0, None)],
-)
-def test_a_mark_is_met_by_cost_and_by_ratio(
-    bench: SimpleNamespace, own: float | None, peer: float | None, met: bool | None
-) -> None:
-    work = bench.measure.Work("tried", "tried", peers=("peer",))
-    row = bench.marks.Row("text", work, "peer", (bench.marks.Mark(2.0, 35.0), None), count=1000)
-    table = bench.marks.Table("title", "ms", 1e3, (row,))
-    measured = {work.key: {"with": {"cpu": own}, "peer": {"cpu": peer} if peer else "not here"}}
-    if own is None:
-        measured[work.key]["with"] = "failed"
-    assert row.met(table, measured, "with") is met
-    assert row.met(table, measured, "without") is None
-    said = {True: "35 x, 2: met", False: "35 x, 2: **not met**", None: "35 x, 2: not measured"}[met]
-    assert said in bench.tables.table(table, measured)
-
-
 def test_every_work_exists_and_has_one_key(bench: SimpleNamespace) -> None:
     every = bench.marks.works(bench.run.PARTS)
     assert len({work.key for work in every}) == len(every) > 40
@@ -124,14 +93,6 @@ def test_a_run_keeps_what_a_file_has_of_other_parts(
     shown = capsys.readouterr().out
     assert "| a row | peer 1 | 0.1 (10 x) | 5 x: met | 0.5 (2 x) | 5 x: **not met** |" in shown
     assert "Marks: 1 met, 1 not met, 0 not measured." in shown
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="a peak of memory is forgotten on Linux only")
-def test_memory_of_a_work_is_what_it_adds_to_its_data(tried: SimpleNamespace) -> None:
-    work = tried.measure.Work("tried", "large", ways=("with",), seconds=0)
-    figure = tried.measure.measured(work)["with"]
-    assert figure.rise == pytest.approx(0.05, rel=0.3)
-    assert figure.peak > 0.15
 
 
 def test_a_peer_that_cannot_be_installed_stops_nothing(

@@ -70,9 +70,3 @@ def package_text(hook: dict[str, Any], **config: str) -> dict[str, Any]:
     metadata: dict[str, Any] = {}
     hook["ReadmeAndAddresses"](str(ROOT), config).update(metadata)
     return metadata
-
-
-def test_the_setting_of_the_repository_is_left_to_who_publishes() -> None:
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    assert settings["tool"]["hatch"]["metadata"]["hooks"]["custom"] == {"repository": ""}
-    assert set(settings["project"]["dynamic"]) == {"readme", "urls", "version"}

@@ -163,7 +163,7 @@ def test_a_result_does_not_run_the_file_of_a_function_unasked(tmp_path):
         config_of(tmp_path, LAW, allow_code=False)
 
 
-@pytest.mark.parametrize("simulation", [PD, PID, LAW])
+@pytest.mark.parametrize("simulation", [PD, PID, LAW, CASCADE])
 def test_references_are_at_the_times_of_evenly_spaced_samples(tmp_path, simulation):
     t = np.arange(101) * 0.01
     noisy = t + np.random.default_rng(0).uniform(-1e-3, 1e-3, 101)

@@ -76,33 +76,6 @@ def test_channels_are_linear_maps_in_declared_units(tmp_path):
     np.testing.assert_allclose(log.tau[:, 0], 500 * np.sin(k))
 
 
-def test_several_files_make_one_log(tmp_path):
-    written(tmp_path, "q.txt", "\n".join(str(np.sin(0.1 * k)) for k in range(80)))
-    written(tmp_path, "c.txt", recording().replace(",", "\t").splitlines()[0] + "\n" + "\n".join(["0\t0\t1"] * 40))
-    config = parse_config(
-        """
-        model: gallery:two_link_arm
-        time: {rate: 50}
-        position: {a: {column: pos.0, unit: rad}, b: {column: pos.1, unit: deg}}
-        torque: {a: {column: cur.tau, unit: Nm}, b: {column: cur.q, unit: Nm}}
-        train: [{file: {pos: q.txt, cur: c.txt}, width: {pos: 2}}]
-        """,
-        tmp_path,
-    )
-    reading = read_logs(config.train[0], config, (Joint("b"), Joint("a")))
-    (log,) = reading.logs
-    assert log.joints == ("b", "a")
-    np.testing.assert_allclose(log.q[:, 1], np.sin(0.1 * np.arange(0, 80, 2)))
-    np.testing.assert_allclose(log.q[:, 0], np.deg2rad(np.sin(0.1 * np.arange(1, 80, 2))))
-    np.testing.assert_allclose(log.t[:2], [0, 0.02])
-    assert sum("torque is" in warning for warning in reading.warnings) == 2
-
-
-def test_windows_cut_and_name_the_logs(tmp_path):
-    reading = read(tmp_path, recording(), spec=", window: [[0, 0.5], [1, null]]")
-    assert [(log.source, len(log)) for log in reading.logs] == [("a 0-0.5 s", 51), ("a 1-end", 100)]
-
-
 def test_bad_samples_outside_the_window_do_not_matter(tmp_path):
     text = recording(q=lambda k: "" if k < 20 else np.sin(0.02 * k))
     assert len(read(tmp_path, text, spec=", window: [0.2, 1.5]").logs[0]) == 131
@@ -147,36 +120,6 @@ def test_samples_are_equally_spaced_where_the_stamps_only_jitter(tmp_path):
         read(tmp_path, text, head=spacing("sometimes"))
 
 
-def test_a_controller_keeps_the_rows_of_its_references_on_equal_spacing(tmp_path):
-    jitter = 0.002 * np.random.default_rng(0).uniform(-1, 1, 200)
-    k = np.arange(200)
-    data = npz(t=0.01 * k + jitter, x=np.sin(0.02 * k), f=np.cos(0.03 * k), r=np.arange(200.0))
-    written(tmp_path, "a.npz", data)
-    config = parse_config(
-        """
-        model: gallery:slider
-        time: {column: t, unit: s}
-        position: {slider: {column: x, unit: m}}
-        torque: {slider: {column: f, unit: N}}
-        train: [{file: a.npz, window: [0.5, 1.5]}]
-        simulation: {kind: cascade, joints: {slider: {reference: {column: r, unit: m}, kp: 1, kv: 1, gain: 1}}}
-        """,
-        tmp_path,
-    )
-    reading = read_logs(config.train[0], config, SLIDER)
-    (log,) = reading.logs
-    assert "equally spaced" in reading.warnings[0]
-    wanted = [log.controller(t, np.zeros(1), np.zeros(1))[0] for t in log.t]
-    np.testing.assert_array_equal(np.diff(wanted), 1.0)
-    rows = log.controller.t[(log.controller.t >= log.t[0]) & (log.controller.t <= log.t[-1])]
-    np.testing.assert_array_equal(rows, log.t)
-    assert (np.diff(log.controller.t) > 0).all()
-
-
-def test_a_window_past_the_end_is_a_warning(tmp_path):
-    assert "extends beyond the recording" in read(tmp_path, recording(), spec=", window: [0, 3]").warnings[0]
-
-
 def test_gaps_can_be_split(tmp_path):
     text = recording(t=lambda k: k * 0.01 + (k >= 50) + (k >= 60))
     reading = read(tmp_path, text, "gaps: split")
@@ -201,11 +144,6 @@ def test_rows_right_after_the_previous_one_are_dropped_or_kept(tmp_path):
     assert len(kept.logs[0]) == 200
 
 
-def test_a_joint_that_may_turn_without_end(tmp_path):
-    head = HEAD.replace("unit: rad}}", "unit: rad, multi_turn: true}}")
-    assert read(tmp_path, recording(q=lambda k: 90 * np.sin(0.02 * k)), head=head).warnings == ()
-
-
 BAD_DATA = {
     "unknown column": (recording().replace("q", "pos", 1), "", ("position.elbow: no column 'q'", "'pos'")),
     "text in a cell": (recording(q=lambda k: "1.2x" if k == 9 else k), "", ("column 'q' has '1.2x' at line 11",)),
@@ -223,6 +161,11 @@ BAD_DATA = {
         ),
     ),
     "time restarts": (recording(t=lambda k: k % 100), "", ("0 s at line 102 runs backwards from 99 s",)),
+    "since 1970": (
+        recording(t=lambda k: f"{1714550000 + (5 - k if k in (2, 3) else k) / 100:.2f}"),
+        "",
+        ("the time 1714550000.02 s at line 5 runs backwards from 1714550000.03 s",),
+    ),
     "gap": (recording(t=lambda k: k * 0.01 + (k > 50)), "", ("a.csv (a): a gap of 1.01 s", "gaps: split")),
     "outside": (recording(), ", window: [5, 9]", ("window 5-9 s holds 0 samples", "from 0 to 1.99 s")),
     "too short": (recording(), ", window: [0, 0.1]", ("only 11 samples",)),
@@ -247,30 +190,6 @@ def test_columns_of_different_lengths_are_refused(tmp_path):
 def test_gaps_that_leave_nothing_are_refused(tmp_path):
     with pytest.raises(InputError, match="leave no piece long enough"):
         read(tmp_path, recording(t=lambda k: k * 0.01 + k // 20), "gaps: split")
-
-
-def test_channels_are_checked_against_the_joints(tmp_path):
-    with pytest.raises(ConfigError, match="there is no joint 'elbow'"):
-        read(tmp_path, recording(), joints=(Joint("wrist"),))
-
-
-def test_a_recording_of_which_several_parts_are_used_is_read_once(tmp_path, monkeypatch):
-    written(tmp_path, "log.csv", "t,a,b\n" + "".join(f"{0.01 * k:.2f},{0.1 * k:.1f},{k}\n" for k in range(60)))
-    read = []
-    original = logs.read_columns
-    monkeypatch.setattr(logs, "read_columns", lambda path, *rest: read.append(path) or original(path, *rest))
-    text = """
-        model: arm.urdf
-        time: { column: t, unit: s }
-        position: { a: { column: a, unit: rad } }
-        torque: { a: { column: b, unit: N m } }
-        train: [{ file: log.csv, window: [0, 0.3] }, { file: log.csv, name: again, window: [0, 0.2] }]
-        validation: [{ file: log.csv, window: [0.3, 0.59] }]
-    """
-    config = parse_config(textwrap.dedent(text), tmp_path)
-    roles, _ = logs.read_with_findings(config, (Joint("a"),))
-    assert [len(one) for named in roles.values() for one in named.values()] == [31, 21, 30]
-    assert len(read) == 1
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
@@ -305,3 +224,22 @@ def test_a_recording_is_named_as_it_is_typed(monkeypatch, tmp_path):
     assert recording_argument(LogSpec.model_validate({"file": str(here)})) == str(Path("logs") / "q.csv")
     both = LogSpec.model_validate({"file": {"q": str(here), "tau": str(there)}})
     assert recording_argument(both) == f"q={Path('logs') / 'q.csv'},tau={there}"
+
+
+def test_a_recording_of_which_several_parts_are_used_is_read_once(tmp_path, monkeypatch):
+    written(tmp_path, "log.csv", "t,a,b\n" + "".join(f"{0.01 * k:.2f},{0.1 * k:.1f},{k}\n" for k in range(60)))
+    read = []
+    original = logs.read_columns
+    monkeypatch.setattr(logs, "read_columns", lambda path, *rest: read.append(path) or original(path, *rest))
+    text = """
+        model: arm.urdf
+        time: { column: t, unit: s }
+        position: { a: { column: a, unit: rad } }
+        torque: { a: { column: b, unit: N m } }
+        train: [{ file: log.csv, window: [0, 0.3] }, { file: log.csv, name: again, window: [0, 0.2] }]
+        validation: [{ file: log.csv, window: [0.3, 0.59] }]
+    """
+    config = parse_config(textwrap.dedent(text), tmp_path)
+    roles, _ = logs.read_with_findings(config, (Joint("a"),))
+    assert [len(one) for named in roles.values() for one in named.values()] == [31, 21, 30]
+    assert len(read) == 1

@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -107,12 +105,6 @@ def test_what_is_left_in_the_pieces_is_saved_and_reported(found: Identification,
     page = identification_page(found)
     assert "The whole recording" in page
     assert "all 40,000 samples" in page
-
-
-def test_another_process_gives_the_same_numbers(ready: PiecePlan) -> None:
-    with ProcessPoolExecutor(1, mp_context=get_context("forkserver")) as pool:
-        found = reduce_pieces(ready, None, pool)
-    assert [one.factors for one in found] == [one.factors for one in reduce_pieces(ready, None)]
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""A configuration as one noun, and the run that the command line and Python share."""
+"""A configuration as one noun, the run that command line and Python share, and fingerprints of what it reads."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from dynident.checks.log_notes import SameData
 from dynident.identification import SourceFile, judge
 from dynident.identification.verdict_reasons import ForbiddingFindings
 from dynident.models.lagrangian import slider
-from dynident.project.project import parse_project, read_project, run, stamp
-from dynident.runtime import InputError, Remark, Severity, Use, progress_to
+from dynident.project.config import fingerprint, parse_config
+from dynident.project.project import log_files, parse_project, read_project, run, stamp
+from dynident.runtime import InputError, ModelError, Remark, Severity, Use, progress_to
 from tests.cli.commands import configure, settings, write_log
 
 
@@ -31,14 +32,6 @@ def test_a_project_reads_no_recording_before_it_is_asked(tmp_path: Path) -> None
     assert project.model.names == slider().names
     with pytest.raises(InputError, match=r"log\.csv"):
         project.logs()
-
-
-def test_logs_are_by_role(config: Path) -> None:
-    logs, remarks = read_project(config).logs()
-    assert {role: list(map(len, named.values())) for role, named in logs.items()} == {
-        "train": [1501], "validation": [1000],
-    }  # fmt: skip
-    assert remarks == ()
 
 
 def test_a_run_says_each_step_what_it_read_and_what_to_doubt(config: Path) -> None:
@@ -79,3 +72,31 @@ def test_identify_repeats_what_check_finds_and_judges_by_it(tmp_path: Path) -> N
     assert [type(one.message) for one in found.findings] == [SameData, ReversedSign]  # the window is of the training
     assert judge(found).reasons[:2] == (ForbiddingFindings(found.findings[:1]), ForbiddingFindings(found.findings[1:]))
     assert judge(found).use is Use.DO_NOT_USE
+
+
+def test_a_folder_has_the_digest_of_all_its_files(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    (bag / "metadata.yaml").write_bytes(b"late")
+    (bag / "a.db3").write_bytes(b"early, ")
+    assert fingerprint(bag) == hashlib.sha256(b"early, late").hexdigest()
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match=r"gone\.csv: cannot be read"):
+        fingerprint(tmp_path / "gone.csv")
+
+
+def test_every_recording_is_hashed_once(tmp_path: Path) -> None:
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).write_text(name)
+    text = """
+model: gallery:slider
+time: {rate: 100}
+position: {slider: {column: q, unit: m}}
+torque: {slider: {column: f, unit: N}}
+train: [{file: a.csv, window: [0, 1]}, {file: a.csv, window: [1, 2]}]
+validation: [{file: {x: a.csv, y: b.csv}}]
+"""
+    found = {file.path: file.sha256 for file in log_files(parse_config(text, tmp_path))}
+    assert found == {str(tmp_path / name): hashlib.sha256(name.encode()).hexdigest() for name in ("a.csv", "b.csv")}

@@ -1,12 +1,15 @@
-"""Settings that do not fit the joints of the model."""
+"""Settings that do not fit the joints of the model, and units."""
 
 from __future__ import annotations
+
+import math
 
 import pytest
 
 from dynident.project.config import load_robot, parse_config
+from dynident.project.fields import unit_factor
 from dynident.project.project import build_recipe
-from dynident.project.settings import RobotSettings, check_joints
+from dynident.project.settings import check_joints
 from dynident.runtime import ConfigError
 from tests.project.configurations import SLIDER, changed, with_channel
 from tests.robots import ARM
@@ -40,24 +43,6 @@ def test_channels_that_do_not_fit_the_joints(text, fragments):
     with pytest.raises(ConfigError) as caught:
         check_joints(parse_config(text), SLIDER)
     assert all(fragment in str(caught.value) for fragment in fragments), caught.value
-
-
-@pytest.mark.parametrize(
-    ("terms", "kinds", "chosen"),
-    [
-        ("auto", [], True),
-        (["auto"], [], True),
-        (["viscous", "auto", {"kind": "dahl", "length": 0.01}], ["Viscous", "Dahl"], True),
-        (["viscous"], ["Viscous"], False),
-    ],
-    ids=str,
-)
-def test_terms_that_the_data_choose_are_not_in_the_model(terms, kinds, chosen):
-    settings = parse_config(changed(model={"file": "arm.urdf", "terms": terms})).model
-    assert isinstance(settings, RobotSettings)
-    model = load_robot(settings, ARM)
-    assert [type(term).__name__ for term in model.terms] == ["RigidBodies", *kinds]
-    assert settings.chooses_terms is chosen
 
 
 OWN = """
@@ -107,3 +92,23 @@ def test_a_class_of_the_user_named_alone_takes_part_in_the_choice(tmp_path):
 def test_terms_that_are_no_list(terms, message):
     with pytest.raises(ConfigError, match=message):
         parse_config(changed(model={"file": "arm.urdf", "terms": terms}))
+
+
+@pytest.mark.parametrize(
+    ("unit", "dimension", "factor"),
+    [
+        ("ms", "time", 1e-3),
+        ("min", "time", 60),
+        ("deg", "angle", math.pi / 180),
+        ("arcsec", "angle", math.pi / 180 / 3600),
+        ("in", "length", 0.0254),
+        ("N m", "torque", 1),
+        ("Nm", "torque", 1),
+        ("mN*m", "torque", 1e-3),
+        ("kgf cm", "torque", 0.0980665),
+        ("lbf ft", "torque", 1.3558179483314004),
+        ("lbf", "force", 4.4482216152605),
+    ],
+)
+def test_units(unit, dimension, factor):
+    assert unit_factor(unit, dimension, "x") == pytest.approx(factor, rel=1e-14)

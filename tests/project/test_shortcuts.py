@@ -17,7 +17,7 @@ import dynident as dy
 from dynident.identification import NotLogged
 from dynident.models.lagrangian import pendulum, slider
 from dynident.project.shortcuts import RecipeFields, default_recipe
-from dynident.runtime import ConfigError, DynidentError, InputError, ModelError, progress_to
+from dynident.runtime import ConfigError, DynidentError, InputError, ModelError
 from tests.robots import ARM, joint, link, urdf
 
 T = np.arange(1001) * 0.01
@@ -120,15 +120,6 @@ class TestIdentify:
         values = [dy.identify("gallery:slider", logs, recipe=method) for logs in (log, [log], {"monday": log})]
         assert [[one.name for one in found.validations] for found in values] == [["monday"]] * 3
         assert values[0].estimate.value[0] == pytest.approx(5.0, rel=0.05)
-
-    def test_who_listens_hears_of_each_step(self) -> None:
-        log, steps = sliding(), list[str]()
-        with progress_to(steps.append):
-            found = dy.identify("gallery:slider", log, estimator=dy.LeastSquares())
-            assert found.estimate.value[0] == pytest.approx(5.0, rel=0.05)
-            assert not dy.check("gallery:slider", log).has_errors
-            assert dy.accuracy_bound("gallery:slider", log, sigma_q=1e-4, sigma_tau=0.1).names
-        assert {"estimating", "checking the motion", "computing the bound"} <= set(steps)
 
     def test_keywords_replace_fields_of_the_recipe(self) -> None:
         recipe = dy.Recipe(dy.Difference(), min_speed=0.1)
@@ -277,7 +268,7 @@ class TestChosenTerms:
         assert not again.model.chooses_terms
 
 
-QUICK: dict = {"smoother": dy.Difference("central"), "time_offset": 0.0, "terms": None}
+QUICK: dict = {"smoother": dy.Difference("central"), "estimator": dy.LeastSquares(), "time_offset": 0.0, "terms": None}
 
 
 class TestJointsThatAreNotLogged:

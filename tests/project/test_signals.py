@@ -77,19 +77,3 @@ def test_a_position_that_starts_anew_is_read_as_it_goes_on(tmp_path):
 def test_missing_values_do_not_hide_where_a_position_starts_anew():
     values = unwrap(np.array([350.0, np.nan, 5.0, 20.0]), 360.0)
     np.testing.assert_array_equal(values, [350.0, np.nan, 365.0, 380.0])
-
-
-def test_stamps_since_1970_are_told_apart(tmp_path):
-    (tmp_path / "a.csv").write_text("t,x,u\n" + "\n".join(f"{1714550000 + k / 100:.2f},1,1" for k in (0, 1, 3, 2, 4)))
-    config = parse_config(
-        """
-    model: gallery:slider
-    time: {column: t, unit: s}
-    position: {slider: {column: x, unit: m}}
-    torque: {slider: {column: u, unit: N}}
-    train: [{file: a.csv}]
-    """,
-        tmp_path,
-    )
-    with pytest.raises(InputError, match=r"the time 1714550000\.02 s at line 5 runs backwards from 1714550000\.03 s"):
-        read_logs(config.train[0], config, SLIDER)

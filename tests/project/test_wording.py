@@ -120,12 +120,6 @@ def parses_or_explains(text: str) -> None:
     assert words.startswith("fuzz.yaml: ")
 
 
-@settings(max_examples=100, deadline=None)
-@given(st.text(max_size=100) | st.text(alphabet="ab:-{}[]&*!|>'\"#%, \n\t01.<", max_size=60))
-def test_any_text_gives_a_configuration_or_an_explanation(text):
-    parses_or_explains(text)
-
-
 @settings(max_examples=150, deadline=None)
 @given(data=st.data(), value=VALUES)
 def test_any_value_anywhere_gives_a_configuration_or_an_explanation(data, value):

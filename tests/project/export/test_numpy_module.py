@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from dynident.models import Joint, Lagrangian, Model, Parameter, RigidBodies, Term, Unknown
-from dynident.models.friction import Coulomb, Dahl, LoadCoulomb, LoadViscous, PerJoint, Viscous
+from dynident.models import Joint, Lagrangian, Model, Parameter, Term, Unknown
+from dynident.models.friction import Dahl, LoadCoulomb, PerJoint, Viscous
 from dynident.models.lagrangian import MODELS, pendulum
 from dynident.project.export import IdentifiedModel, Numpy, Yaml, export, identified_module, random_states
 from dynident.runtime import ModelError
 from dynident.testing.term import is_the_same_in_numpy
 from tests.project.export.arms import arm
-from tests.robots import ARM
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -43,22 +42,6 @@ def test_it_needs_only_numpy(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == ["(3,) False", "expected arrays (3,) or (N, 3), alike, got (2,)"]
-
-
-def test_names_are_quoted():
-    joint = Joint('"""; raise SystemExit  #\n')
-    model = Model((Viscous((joint,)),), name="'''\"\"\"\n")
-    namespace = {}
-    exec(identified_module(IdentifiedModel(model, np.array([2.0]))).text, namespace)
-    assert namespace["JOINTS"] == (joint.name,)
-    assert namespace["friction"](np.array([3.0])) == 6.0
-
-
-def test_two_frictions_of_one_joint_are_both_kept():
-    joints = (Joint("a"),)
-    terms = (Coulomb(joints, width=0.1), Coulomb(joints, names=("second",), dead_band=0.2), Viscous(joints))
-    one = IdentifiedModel(Model(terms), np.array([1.0, 10.0, 100.0]))
-    assert export(one, Numpy(), random_states(1, np.random.default_rng(0), 50)).ready
 
 
 @dataclass(frozen=True)
@@ -146,16 +129,3 @@ def test_terms_that_remember_more_than_the_load_are_left_out():
     expected = load + 0.4 * states[1] + 0.5 * np.abs(load) * np.tanh(states[1] / 0.1)
     np.testing.assert_allclose(namespace["inverse_dynamics"](*states), expected, rtol=1e-9)
     np.testing.assert_allclose(namespace["mass_matrix"](states[0])[:, 0, 0], 0.1)
-
-
-def test_the_load_of_an_arm_is_in_the_module():
-    bodies = RigidBodies(ARM)
-    model = Model((bodies, LoadCoulomb(bodies.joints, on=(bodies.joints[1].name,)), LoadViscous(bodies.joints)))
-    value = np.random.default_rng(0).uniform(0.5, 1.5, len(model.names))
-    made = export(
-        IdentifiedModel(model.with_load(value), value),
-        Numpy(),
-        random_states(len(model.joints), np.random.default_rng(0)),
-    )
-    assert made.ready, made.refusal
-    assert not made.written.left_out

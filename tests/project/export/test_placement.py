@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pinocchio
 import pytest
 
 from dynident.estimators import PhysicallyConsistent
@@ -15,11 +14,10 @@ from dynident.models import Model, RigidBodies, RotorInertia, consistency_violat
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.models.simulation import record, simulate
 from dynident.motion.smoothers import Spline
-from dynident.project.export import IdentifiedModel, Mjcf, Numpy, Urdf, export, exports, identified_urdf, random_states
+from dynident.project.export import IdentifiedModel, exports, random_states
 from dynident.project.export.written import place_values
 from dynident.runtime import ConfigError, ModelError
-from tests.project.export.arms import arm
-from tests.robots import ARM_MJCF, joint, link, urdf
+from tests.robots import joint, link, urdf
 
 ROTORS = (0.5, 0.6, 0.3, 0.1, 0.08, 0.05)
 PLACES = (
@@ -63,36 +61,6 @@ def test_where_nothing_can_be_left_of_many_less_is_tried(monkeypatch):
     np.testing.assert_allclose(moved.model.torque(*state, moved.value), one.model.torque(*state, one.value), atol=1e-8)
 
 
-def mass_matrix(text, q):
-    model = pinocchio.buildModelFromXML(text)
-    upper = np.triu(pinocchio.crba(model, model.createData(), q))
-    return upper + np.triu(upper, 1).T
-
-
-def test_rotors_that_only_a_sum_shows_are_in_the_written_links():
-    one = six_axes()
-    written, rng = identified_urdf(one), np.random.default_rng(0)
-    for q in rng.uniform(-3, 3, (5, 6)):
-        error = mass_matrix(written.text, q) - one.model.mass_matrix(q[None], one.value)[0]
-        np.testing.assert_allclose(error[:2, :2], 0.0, atol=1e-9)  # the rotors of both first joints
-        np.testing.assert_allclose(np.diag(error)[2:], [-x for x in ROTORS[2:]], atol=1e-9)  # others act alone
-    assert [line.split(" = ")[0] for line in written.left_out] == ["Ia_j3", "Ia_j4", "Ia_j5", "Ia_j6"]
-    assert any("Ia_j1 (0.5 kg m^2), Ia_j2 (0.6 kg m^2): part of" in note for note in written.notes)
-    assert export(one, Urdf(), random_states(6, rng)).ready
-
-
-def test_the_torque_is_kept_and_bodies_stay_physical():
-    one = six_axes(offset=0.2)
-    best = place_values(one, armature=False)
-    states = random_states(6, np.random.default_rng(1))
-    torque = one.model.torque(*states, one.value)
-    np.testing.assert_allclose(
-        best.model.torque(*states, best.value), torque, rtol=0, atol=1e-10 * np.abs(torque).max()
-    )
-    assert all(consistency_violations(body) == () for body in best.bodies[1])
-    assert (best.value[-6:] == 0.2).all()  # a constant torque is nothing that bodies have
-
-
 def test_bodies_at_the_edge_of_what_is_physical_take_what_they_can():
     """Only what is free without leaving consistency: a mass that is known is not made up."""
     one = six_axes()
@@ -108,24 +76,6 @@ def test_nothing_moves_where_nothing_is_to_be_gained(armature):
     one = six_axes(rotors=np.zeros(6))
     assert place_values(one, armature=armature) is one
     assert place_values(six_axes(), armature=True).value.tolist() == six_axes().value.tolist()
-
-
-def test_impossible_bodies_are_left_as_they_are():
-    one = six_axes()
-    value = one.value.copy()
-    value[0] = -1.0
-    assert place_values(wrong := replace(one, value=value), armature=False) is wrong
-
-
-def test_other_formats_hold_the_values_as_found():
-    one = six_axes()
-    assert "0.6" in export(one, Numpy(), random_states(6, np.random.default_rng(0))).written.text
-
-
-def test_a_coupled_motor_is_part_of_armature_where_bodies_take_the_rest():
-    made = export(arm(ARM_MJCF), Mjcf(), random_states(3, np.random.default_rng(0)))
-    assert made.proof.readers["dynident"] < 1e-12
-    assert not any("Ia_motor" in line for line in made.written.left_out)
 
 
 def test_a_file_has_its_own_error_on_the_logs():

@@ -6,12 +6,9 @@ import re
 import sys
 from dataclasses import replace
 
-import numpy as np
 import pytest
-import yaml
 
-from dynident.motion.log import Motion
-from dynident.project.export import Mjcf, Numpy, Urdf, Yaml, export, identified_urdf, prove, random_states, spread
+from dynident.project.export import Mjcf, Numpy, Urdf, Yaml, export, identified_urdf, prove
 from tests.project.export.arms import STATES, arm
 from tests.robots import ARM, ARM_MJCF
 
@@ -73,29 +70,3 @@ def test_a_joint_without_limits_is_said_once_and_not_by_the_parser_of_pinocchio(
     (words,) = made.proof.skipped
     assert "has no <limit>" in words
     assert capfd.readouterr().err == ""
-
-
-def test_samples_are_spread_over_the_usable_ones():
-    t = np.arange(1000) * 0.01
-    q = np.arange(1000.0)[:, None]
-    motion = Motion(t, q, q, q, q, ("a",), t >= 5.0)
-    found, _, _ = spread((motion, motion), 100)
-    assert len(found) == 100
-    assert found.min() >= 500
-    assert len(spread((motion,), 10_000)[0]) == 500
-
-
-def test_random_states_are_those_of_their_generator():
-    one, other = (random_states(2, np.random.default_rng(3), 5) for _ in range(2))
-    assert all((a == b).all() for a, b in zip(one, other, strict=True))
-
-
-def test_yaml_lists_every_parameter():
-    one = replace(arm(), std=np.r_[np.inf, np.ones(len(arm().value) - 1)], verdict=("data",) * len(arm().value))
-    data = yaml.safe_load(Yaml().write(one).text)
-    assert [row["name"] for row in data["parameters"]] == list(one.model.names)
-    first = data["parameters"][0]
-    assert first["std"] is None
-    assert (first["unit"], first["verdict"], first["body"]) == ("kg", "data", "upper")
-    assert data["robot"]["merged"] == {"slide": ["tool"]}
-    assert [joint["unit"] for joint in data["joints"]] == ["rad", "m", "rad"]

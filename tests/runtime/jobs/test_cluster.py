@@ -1,4 +1,4 @@
-"""Jobs on real processes of Dask: the results are those of any other executor, and what cannot be used is said."""
+"""Jobs on real processes of Dask: results are those of any other executor, and what cannot be used is said."""
 
 from __future__ import annotations
 
@@ -22,13 +22,15 @@ import polars as pl
 import pytest
 
 import dynident
+from dynident._version import __version__
 from dynident.apps.article import LEVELS, METHODS, SCENARIOS, run_study
 from dynident.runtime import InputError
-from dynident.runtime.jobs import Limits, Status, cluster, run_jobs
-from dynident.runtime.jobs.cluster import cluster_workers
+from dynident.runtime.jobs import Status, cluster, run_jobs
+from dynident.runtime.jobs import cluster as module
+from dynident.runtime.jobs.cluster import cluster_workers, software, software_differences
 from tests.cli.commands import succeed
 from tests.runtime.jobs.dask_cluster import DaskCluster, dask_scheduler
-from tests.runtime.jobs.work import HANGS, Noise, Trouble, by_job, process, sleeps, threads
+from tests.runtime.jobs.work import HANGS, Noise, by_job, process, sleeps, threads
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="ends groups of processes by POSIX signals")
 
@@ -68,15 +70,6 @@ class TestWorkers:
             assert {one.value for one in run_jobs(threads, range(20), executor)} == {("1", "1")}
         assert not own & {os.getpid(), *theirs}
         assert len(own) == 2
-
-    def test_trouble_of_a_job_is_its_own(self, running: DaskCluster, tmp_path: Path) -> None:
-        trouble = {"raises": Status.FAILED, "hangs": Status.TIMED_OUT, "eats": Status.OUT_OF_MEMORY}
-        jobs = [(name, number) for number, name in enumerate([*trouble, "crashes", *["fine"] * 20])]
-        with cluster_workers(running.address) as executor:
-            done = by_job(list(run_jobs(Trouble(tmp_path), jobs, executor, limits=Limits(seconds=4.0, memory=0.5))))
-        expected = {**trouble, "crashes": Status.DIED, "fine": Status.OK}
-        assert {job: one.status for job, one in done.items()} == {job: expected[job[0]] for job in jobs}
-        assert all(done[job].value == job[1] ** 2 for job in jobs if job[0] == "fine")
 
     def test_a_worker_that_is_killed_loses_nothing(self, running: DaskCluster) -> None:
         with cluster_workers(running.address) as executor:
@@ -191,3 +184,37 @@ class TestAddress:
     def test_that_of_a_worker(self, running: DaskCluster) -> None:
         worker = running.require_workers(2)[0]
         assert refused(worker) == f"at {worker} is no Dask scheduler but a Worker; its scheduler is {running.address}."
+
+
+def test_what_decides_the_numbers_is_named() -> None:
+    found = software()
+    assert found["numpy"] == np.__version__
+    assert found["Python"] == f"{sys.version_info[0]}.{sys.version_info[1]}"
+    assert found["dynident"] == __version__
+    assert re.fullmatch("[0-9a-f]{12}", found["the code of dynident"])
+    assert software_differences(found, {"there": found}) == []
+
+
+def test_the_code_is_that_of_all_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "PACKAGE_FOLDER", tmp_path)
+    (tmp_path / "a.py").write_bytes(b"x = 1\ny = 2\n")
+    (tmp_path / "b").mkdir()
+    first = module.code_digest()
+    (tmp_path / "a.py").write_bytes(b"x = 1\r\ny = 2\r\n")
+    (tmp_path / "notes.txt").touch()
+    assert module.code_digest() == first
+    (tmp_path / "b" / "c.py").touch()
+    second = module.code_digest()
+    (tmp_path / "b" / "c.py").rename(tmp_path / "b" / "d.py")
+    assert len({first, second, module.code_digest()}) == 3
+
+
+def test_each_difference_is_said_with_its_places() -> None:
+    here = {"Python": "3.11", "numpy": "2.4.6", "dynident": "0.1.0"}
+    many = {f"tcp://10.0.0.{number}:4000": {**here, "numpy": "2.4.5"} for number in range(9)}
+    odd = {"tcp://10.0.1.1:4000": {**here, "numpy": "missing"}, "the scheduler": {"Python": "3.12"}}
+    few = "tcp://10.0.0.0:4000, tcp://10.0.0.1:4000, tcp://10.0.0.2:4000 and 6 more"
+    assert software_differences(here, many | odd) == [
+        "Python is 3.11 here, 3.12 on the scheduler",
+        f"numpy is 2.4.6 here, 2.4.5 on {few}, missing on tcp://10.0.1.1:4000",
+    ]

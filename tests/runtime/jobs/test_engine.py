@@ -1,8 +1,10 @@
-"""Whatever runs the jobs, the results are the same, and each job ends once."""
+"""Whatever runs the jobs, results are the same and each job ends once; the sizes of batches, and classes of files."""
 
 from __future__ import annotations
 
 import itertools
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
@@ -12,11 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynident.runtime import InputError, budget_scope, set_budget
+from dynident.project.python_file import load_from_file
+from dynident.runtime import ConfigError, InputError, budget_scope, set_budget
 from dynident.runtime.jobs import Limits, Status, local_workers, run_jobs
 from dynident.runtime.jobs import engine as batch
-from dynident.runtime.jobs.engine import Batch, BatchReport, run_batch
-from dynident.runtime.jobs.job import pack
+from dynident.runtime.jobs import engine as pace
+from dynident.runtime.jobs.engine import Batch, BatchReport, Pace, run_batch
+from dynident.runtime.jobs.job import pack, unpack
 from tests.runtime.jobs.work import Noise, Stranger, Trouble, budget, by_job, process, sleeps
 
 EXECUTORS: dict[str, Callable[[], AbstractContextManager[Executor | None]]] = {
@@ -108,19 +112,6 @@ def test_a_worker_remembers_few_functions() -> None:
     assert len(batch._FUNCTIONS) == batch.MAX_CACHED_FUNCTIONS
 
 
-def test_few_batches_of_short_jobs() -> None:
-    executor = Direct()
-    assert len(list(run_jobs(sleeps, [0.001] * 1000, executor))) == 1000
-    assert len(executor.batches) < 100
-    assert max(len(one.jobs) for one in executor.batches) > 20
-
-
-def test_one_batch_for_each_long_job() -> None:
-    executor = Direct()
-    assert len(list(run_jobs(sleeps, [0.3] * 4, executor))) == 4
-    assert [len(one.jobs) for one in executor.batches] == [1, 1, 1, 1]
-
-
 def test_a_batch_that_the_executor_loses_is_tried_job_by_job() -> None:
     """As Dask does where three workers have died of it."""
 
@@ -201,3 +192,81 @@ def test_so_many_batches_may_fail_before_any_is_done(jobs: int) -> None:
             list(run_jobs(abs, range(jobs), Direct(refuse)))
     else:
         assert [one.status for one in run_jobs(abs, range(jobs), Direct(refuse))] == [Status.DIED] * jobs
+
+
+def run(jobs: int, seconds: float, lost: float, workers: int = 2) -> list[int]:
+    """The sizes of all batches of equal jobs, one after the other."""
+    found, sizes = Pace(workers), []
+    while jobs:
+        size = found.size(jobs)
+        sizes.append(size)
+        jobs -= size
+        found.record_batch(len(sizes) % workers, size, size * seconds, lost if len(sizes) > workers else None)
+    return sizes
+
+
+@pytest.mark.parametrize("seconds", [1e-3, 0.02, 0.1])
+@pytest.mark.parametrize("lost", [1e-4, 0.01, 0.1, 0.4])
+def test_little_is_lost(seconds: float, lost: float) -> None:
+    sizes = run(100_000, seconds, lost)
+    work = sum(sizes) * seconds
+    expected = max(0.2, 19 * lost)
+    most = max(sizes)
+    assert most <= pace.MAX_BATCH_JOBS
+    assert most == pace.MAX_BATCH_JOBS or most * seconds == pytest.approx(expected, abs=seconds)
+    if most < pace.MAX_BATCH_JOBS:
+        assert len(sizes) * lost < 0.06 * work
+
+
+def test_sizes_begin_with_one_and_double() -> None:
+    assert run(10_000, 1e-3, 1e-3)[:8] == [1, 2, 4, 8, 16, 32, 64, 128]
+
+
+def test_workers_end_at_about_the_same_time() -> None:
+    sizes = run(1000, 0.01, 0.5)
+    assert sum(sizes) == 1000
+    assert sizes[-1] == 1
+    assert all(size <= 1 + sum(sizes[number:]) / 4 for number, size in enumerate(sizes))
+
+
+def test_long_jobs_go_alone() -> None:
+    assert run(20, 30.0, 5.0) == [1] * 20
+
+
+def test_one_slow_answer_changes_nothing() -> None:
+    found = Pace(1)
+    for number in range(40):
+        found.record_batch(0, 10, 0.1, 60.0 if number == 20 else 1e-3)
+    assert found.size() == 20
+
+
+def test_more_workers_than_expected() -> None:
+    found = Pace(2)
+    assert found.ahead == 4
+    for number in range(50):
+        found.record_batch(number, 1, 1.0, None)
+    assert found.ahead == 100
+
+
+CODE = "from dataclasses import dataclass\n\n\n@dataclass(frozen=True)\nclass Mine:\n    gain: float\n"
+
+
+def mine(path: Path) -> type:
+    path.write_text(CODE)
+    return load_from_file(path, "Mine", "class", "here", ConfigError)
+
+
+def test_a_class_of_a_file_reaches_another_process(tmp_path: Path) -> None:
+    part = mine(tmp_path / "mine.py")(2.0)
+    assert unpack(pack(part)) == part
+    code = "import sys; from dynident.runtime.jobs.job import unpack; print(unpack(sys.stdin.buffer.read()))"
+    done = subprocess.run([sys.executable, "-c", code], input=pack(part), capture_output=True, check=True)
+    assert done.stdout.decode().strip() == "Mine(gain=2.0)"
+
+
+def test_a_file_that_has_changed_meanwhile_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    sent = pack(mine(path)(2.0))
+    path.write_text(CODE + "\n\nother = 1\n")
+    with pytest.raises(ConfigError, match="has changed"):
+        unpack(sent)

@@ -194,13 +194,13 @@ for level in sys.argv[2:]:
     os.environ["DYNIDENT_KERNEL"] = level.replace("best", "")
     kernel._select_kernel.cache_clear()
     kernel.function.cache_clear()
-    for n in (5, 6, 7, 8, 9, 16, 17, 40, 300):
+    for n in (5, 7, 8, 9, 17, 300):
         t = np.cumsum(rng.uniform(0.5, 1.5, n)) * 0.01
-        for k in (1, 2, 3, 4, 5, 7, 8, 9):
+        for k in (1, 2, 3, 5, 8, 9):
             y = np.sin(t)[:, None] + 0.01 * rng.standard_normal((n, k))
             for rule in (None, Fixed(lam=1e-9), GCV(), REML()):
                 dy.smooth(t, y if k > 1 else y[:, 0], rule, sigma=0.01)(t[0], order=2)
-    for n in (1, 2, 3, 4, 5, 7, 8, 9, 15, 16, 17):
+    for n in (1, 2, 3, 5, 8, 9, 17):
         q, dq, ddq = rng.standard_normal((3, n, len(bodies.joints)))
         theta = np.ones(len(bodies.parameters))
         bodies.weighted_gradient(q, dq, ddq, bodies.regressor(q, dq, ddq))

@@ -10,27 +10,18 @@ import numpy as np
 import polars as pl
 import pytest
 
-from dynident.apps.demo import TRUE_DELAY, servo_files
+from dynident.apps.demo import TRUE_DELAY
 from dynident.apps.servo.commands import command_findings
 from dynident.apps.servo.plant import ServoLog
 from dynident.apps.servo.run import load_servos
 from dynident.apps.servo.start import smooth_servo_log
 from dynident.project.project import parse_project
-from tests.cli.commands import run
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    made = tmp_path_factory.mktemp("servos")
-    servo_files(made, 6.0)
-    return made
+from tests.cli.commands import refuse, run, succeed
 
 
 @pytest.fixture
-def config(folder, monkeypatch) -> str:
-    monkeypatch.chdir(folder)
-    assert run("init", "servos.xml", "monday.csv", "tuesday.csv", "-o", "arm.yaml", "--force").exit_code == 0
-    return (folder / "arm.yaml").read_text()
+def config(folder) -> str:
+    return (folder / "servos.yaml").read_text()
 
 
 def messages(name: str) -> tuple[int, list[tuple[str, str, str | None]]]:
@@ -41,12 +32,12 @@ def messages(name: str) -> tuple[int, list[tuple[str, str, str | None]]]:
     return code, [(finding["severity"], finding["message"], finding["joint"]) for finding in findings]
 
 
-def test_a_right_log_has_its_rate_and_delay(config, folder) -> None:
-    code, found = messages("arm.yaml")
+def test_a_right_log_has_its_rate_and_delay(folder) -> None:
+    code, found = messages("servos.yaml")
     assert code == 0
     assert [severity for severity, *_ in found] == ["info"]
     assert float(found[0][1].split()[6]) == pytest.approx(1e3 * TRUE_DELAY, abs=4)
-    (facts, _) = json.loads((folder / "check.json").read_text())["arm.yaml"]["logs"].values()
+    (facts, _) = json.loads((folder / "check.json").read_text())["servos.yaml"]["logs"].values()
     assert (facts["samples"], facts["missing"]) == (600, 0)
 
 
@@ -94,12 +85,10 @@ def test_commands_that_positions_do_not_follow_are_named(config, folder) -> None
         assert any(words in text for _, text, _ in found), (name, found)
 
 
-def test_a_rollout_of_another_recording_is_that_of_the_report(config, folder) -> None:
-    assert run("identify", "arm.yaml", "--out", "out").exit_code == 0
-    done = run("predict", "out/servo.json", "tuesday.csv", "--out", "positions.csv")
-    assert done.exit_code == 0, done.output
+def test_a_rollout_of_another_recording_is_that_of_the_report(folder) -> None:
+    succeed("predict", "servos/servo.json", "tuesday.csv", "--out", "positions.csv")
     table = pl.read_csv("positions.csv")
-    result = json.loads((folder / "out" / "servo.json").read_text())
+    result = json.loads((folder / "servos" / "servo.json").read_text())
     error = (table["simulated_elbow"] - table["measured_elbow"]).to_numpy()[table["t"].to_numpy() > 0.5]
     assert np.sqrt((error**2).mean()) == pytest.approx(result["rollouts"][1]["whole"][2], rel=0.01)
 
@@ -129,5 +118,4 @@ def test_a_damaged_result_is_refused(config, folder, change, words) -> None:
         "configuration": {"path": str(folder / "arm.yaml"), "text": config}, "files": {}, "commands_held": True,
     }  # fmt: skip
     (folder / "torn.json").write_text(json.dumps({**right, **change}))
-    done = run("predict", "torn.json", "tuesday.csv")
-    assert (done.exit_code, words in " ".join(done.output.split())) == (1, True), done.output
+    refuse("predict", "torn.json", "tuesday.csv", says=words)

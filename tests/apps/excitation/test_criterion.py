@@ -1,7 +1,5 @@
 """Criteria of a motion: their values by definition, their derivatives by differences."""
 
-import pickle
-
 import numpy as np
 import pytest
 
@@ -162,11 +160,3 @@ def test_rounded_angles_hold_no_information():
     kept = list(basis.independent)
     own = (rows.T @ rows)[np.ix_(kept, kept)]
     np.testing.assert_allclose(base_information(basis, rows.T @ rows), own, rtol=1e-12, atol=1e-9)
-
-
-def test_it_goes_to_other_processes():
-    model = arm()
-    functions, x = motion(model)
-    criterion = criterion_of(model)
-    copy = pickle.loads(pickle.dumps(criterion))
-    assert copy.value(*(functions @ x.T)) == criterion.value(*(functions @ x.T))

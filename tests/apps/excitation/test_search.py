@@ -1,5 +1,6 @@
 """The search: its barrier, feasible and better motions on any executor, and its polished end."""
 
+import pickle
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from types import SimpleNamespace
@@ -181,12 +182,13 @@ def test_a_stage_goes_down_a_narrow_valley_however_flat_it_is():
     assert improve_motion(valley, np.array([[1.0, 0.1, 0.01]]), Stage(1.0, 30))[1] < 1e-9
 
 
-def test_the_executor_does_not_change_the_motion():
+def test_the_executor_does_not_change_the_motion_nor_does_another_process():
     alone = search(ONE, Plan(3, SHORT), np.random.default_rng(4))
     with ThreadPoolExecutor(2) as two:
-        spread = search(ONE, Plan(3, SHORT), np.random.default_rng(4), executor=two)
+        copy = pickle.loads(pickle.dumps(ONE))
+        spread = search(copy, Plan(3, SHORT), np.random.default_rng(4), executor=two)
     np.testing.assert_array_equal(alone.x, spread.x)
-    other = search(ONE, Plan(3, SHORT), np.random.default_rng(5))
+    other = search(ONE, Plan(1, SHORT), np.random.default_rng(5))
     assert np.abs(other.x - alone.x).max() > 1e-3
 
 

@@ -81,7 +81,7 @@ module = importlib.import_module("dynident.apps.excitation.design")  # the packa
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch):
-    stages = (Stage(1.0, 6), Stage(0.1, 6))
+    stages = (Stage(1.0, 6), Stage(0.1, 6), Stage(0.0, 4))
     monkeypatch.setattr(module, "Plan", lambda starts: Plan(starts, stages))
     monkeypatch.setattr(module, "QUICK", Plan(1, (Stage(1.0, 4),)))
 
@@ -139,8 +139,13 @@ def test_the_validation_motion_is_another_one_at_other_speeds():
     assert np.abs(ways[0] - ways[1]).max() > 0.1
 
 
+@cache
+def complete():
+    return designed(program=Program.ALL, duration=60.0)
+
+
 def test_a_design_of_all_programs():
-    one = designed(program=Program.ALL, duration=60.0)
+    one = complete()
     assert one.trajectory.duration <= 60.0 * (1 + 1e-9)
     purposes = {piece.purpose for piece in one.trajectory.pieces}
     assert purposes == {Purpose.FRICTION, Purpose.POSE, Purpose.MOTION, Purpose.WAY}
@@ -180,7 +185,8 @@ def test_a_motion_that_fails_the_last_check_is_refused(monkeypatch):
 
 
 def test_the_figures_of_a_design_stay():
-    one = plain()
-    lines = [line for part in (one.expected, *one.checks) for line in facts(part)]
-    lines += [digits(each.states(each.times(10.0))) for each in (one.trajectory, one.validation)]
+    lines = []
+    for one in (plain(), complete()):
+        lines += [line for part in (one.expected, *one.checks) for line in facts(part)]
+        lines += [digits(each.states(each.times(10.0))) for each in (one.trajectory, one.validation)]
     check_kept("design", "\n".join(lines))

@@ -10,7 +10,7 @@ import dynident as dy
 from dynident.apps.demo import demo_files
 from dynident.apps.excitation import build_space, exact_space
 from dynident.apps.excitation.clearance import neighbours, refuse_contact
-from dynident.apps.excitation.exact_space import build_capsule_space, sample_poses
+from dynident.apps.excitation.exact_space import build_capsule_space, sample_poses, sample_robot_poses
 from dynident.files.meshes import read_geometry
 from dynident.models import Box, Capsule, Cylinder, Floor, Mesh
 from dynident.models.geometry import build_geometry
@@ -201,6 +201,8 @@ def test_poses_are_the_same_each_time_and_fill_the_range() -> None:
     assert (share < 1).all()
     octants = np.unique((share < 0.5) @ [1, 2, 4], return_counts=True)[1]
     assert octants.min() > 50
+    endless = sample_robot_poses(dy.RigidBodies(BRANCHED), None, None)[:, 1]
+    assert endless.min() < -3 < 3 < endless.max()
 
 
 def test_a_start_in_contact_is_refused_with_the_pair() -> None:

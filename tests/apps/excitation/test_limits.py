@@ -8,7 +8,6 @@ import pytest
 
 from dynident.apps.excitation import JointLimits, min_fit_speeds, motion_limits
 from dynident.apps.excitation.limits import ACCELERATION_TIME, JERK_TIME
-from dynident.apps.excitation.way import Quintic, rest_state
 from dynident.models import Model, RigidBodies
 from dynident.models.friction import Coulomb, LoadCoulomb
 from dynident.runtime import ConfigError, ModelError
@@ -41,21 +40,22 @@ def test_given_limits_come_before_those_of_the_file_and_what_exceeds_these_is_na
     assert found.beyond == {"hinge": ("upper", "torque")}
 
 
-def test_a_joint_that_turns_without_end_has_half_a_turn_to_either_side():
-    found = motion_limits(arm('<limit effort="10" velocity="2"/>', "continuous"), margin=0.0)
+@pytest.mark.parametrize(
+    ("kind", "ends"), [("continuous", ""), ("revolute", 'lower="-1e6" upper="1e6"')], ids=["endless", "very wide"]
+)
+def test_a_joint_that_turns_without_end_has_half_a_turn_to_either_side(kind, ends):
+    hinge = arm(f'<limit effort="10" velocity="2" {ends}/>', kind)
+    found = motion_limits(hinge, margin=0.0)
     assert (found.lower[0], found.upper[0]) == (-np.pi, np.pi)
     assert found.by_rule["hinge"][0] == "position"
-    one_end = {"hinge": JointLimits(upper=1.0)}
-    found = motion_limits(arm('<limit effort="10" velocity="2"/>', "continuous"), one_end, margin=0.0)
+    # a range of more than two turns is one only where the user gives it
+    assert motion_limits(hinge, {"hinge": JointLimits(lower=-50.0, upper=50.0)}, 0.0).half[0] == 50.0
+
+
+def test_one_end_that_is_given_has_a_turn_before_it():
+    hinge = arm('<limit effort="10" velocity="2"/>', "continuous")
+    found = motion_limits(hinge, {"hinge": JointLimits(upper=1.0)}, margin=0.0)
     assert (found.lower[0], found.upper[0]) == (1.0 - 2 * np.pi, 1.0)
-
-
-def test_a_range_of_more_than_two_turns_is_none_unless_the_user_gives_it():
-    wide = arm('<limit effort="10" velocity="2" lower="-1e6" upper="1e6"/>')
-    found = motion_limits(wide, margin=0.0)
-    assert (found.lower[0], found.upper[0]) == (-np.pi, np.pi)
-    assert "position" in found.by_rule["hinge"]
-    assert motion_limits(wide, {"hinge": JointLimits(lower=-50.0, upper=50.0)}, 0.0).half[0] == 50.0
     two_turns = arm('<limit effort="10" velocity="2" lower="-6.2832" upper="6.2832"/>')
     assert motion_limits(two_turns, margin=0.0).upper[0] == 6.2832
 
@@ -126,26 +126,6 @@ def test_only_dry_friction_holds_a_joint(friction):
     one = Model((bodies, friction(bodies.joints, on=("bend",))), name="x")
     np.testing.assert_allclose(min_fit_speeds(one, LIMITS), [0.0, 0.03 * LIMITS.velocity[1]])
     np.testing.assert_array_equal(min_fit_speeds(Model((bodies,), name="x"), LIMITS), 0.0)
-
-
-THERE = Quintic(2.0, rest_state(np.array([-0.6, 0.0])), rest_state(np.array([0.6, 0.0])))
-
-
-def test_effort_is_the_largest_share_of_a_torque_limit():
-    t = np.linspace(0, 2.0, 2001)
-    q, dq, ddq, _ = THERE.states(t)
-    shares = np.abs(MODEL.torque(q, dq, ddq, THETA)) / LIMITS.torque
-    assert FREE.max_torque_share(THERE) == pytest.approx(shares.max(), rel=1e-3)
-    weak = replace(FREE, limits=replace(LIMITS, torque=0.9 * np.abs(shares * LIMITS.torque).max(axis=0)))
-    assert FREE.allows(THERE)
-    assert not weak.allows(THERE)
-
-
-def test_a_course_through_the_post_is_not_clear():
-    assert FREE.is_clear(THERE)
-    assert not AROUND.is_clear(THERE)
-    assert not AROUND.allows(THERE)
-    assert not replace(FREE, space=Post(), clearance=0.0).is_clear(THERE)
 
 
 def test_poses_stand_within_all_limits_and_are_drawn_from_the_generator():

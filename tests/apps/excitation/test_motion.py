@@ -47,26 +47,20 @@ def test_a_period_matters_to_motions_that_have_one():
         check_request(LIMITS, SPACE, replace(REQUEST, period=10.0, **changes))
 
 
-def test_names_give_the_rows_of_their_base_parameters():
-    request = replace(REQUEST, criterion=Criterion.A_OPTIMAL, named=("Fv_lift", "offset_bend"))
-    rows = criterion_rows(BASIS, THETA, request, SCALE)
-    values = BASIS.to_base(THETA)
-    which = [BASIS.leading.index(name) for name in request.named]
-    np.testing.assert_allclose(rows @ np.eye(BASIS.rank)[:, which], np.diag(1 / np.abs(values[which])))
-    assert (rows != 0).sum() == 2
-    assert criterion_rows(BASIS, THETA, replace(request, criterion=Criterion.D_OPTIMAL), SCALE) is None
-    assert criterion_rows(BASIS, THETA, replace(request, named=()), SCALE) is None
-
-
-def test_a_value_of_zero_counts_as_what_is_usual():
+def test_names_give_the_rows_of_their_base_parameters_and_a_value_of_zero_counts_as_what_is_usual():
     names, scale = ("Fv_lift", "Fv_bend"), np.arange(1.0, BASIS.rank + 1)
     request = replace(REQUEST, criterion=Criterion.A_OPTIMAL, named=names)
-    k, j = (BASIS.leading.index(name) for name in names)
+    which = [BASIS.leading.index(name) for name in names]
+    rows, values = criterion_rows(BASIS, THETA, request, SCALE), BASIS.to_base(THETA)
+    np.testing.assert_allclose(rows[:, which], np.diag(1 / np.abs(values[which])))
+    assert (rows != 0).sum() == 2
     theta = THETA.copy()
     theta[BASIS.names.index("Fv_bend")] = 0.0
-    rows = criterion_rows(BASIS, theta, request, scale)
-    assert 1 / rows[1, j] == pytest.approx(theta[BASIS.names.index("Fv_lift")] * scale[k] / scale[j])
+    rows, (k, j) = criterion_rows(BASIS, theta, request, scale), which
+    assert 1 / rows[1, j] == pytest.approx(values[k] * scale[k] / scale[j])
     assert np.isfinite(criterion_rows(BASIS, 0 * theta, request, scale)).all()
+    for changes in ({"criterion": Criterion.D_OPTIMAL}, {"named": ()}):
+        assert criterion_rows(BASIS, THETA, replace(request, **changes), SCALE) is None
 
 
 def test_names_that_are_not_there_or_never_alone_are_refused():
@@ -80,13 +74,13 @@ def test_names_that_are_not_there_or_never_alone_are_refused():
 
 def test_terms_that_remember_are_left_out_with_what_belongs_to_them():
     model = MODEL.with_terms(Dahl(MODEL.joints))
-    p, own = len(model.parameters), len(THETA)
-    prior = np.diag(np.arange(1.0, p + 1))
-    theta = np.concatenate([THETA, np.ones(p - own)])
-    bare, rest, request, notes = without_memory(model, theta, replace(REQUEST, prior=prior))
+    information = np.arange(1.0, len(model.parameters) + 1)
+    request = replace(REQUEST, prior=np.diag(information))
+    theta = np.concatenate([THETA, np.ones(len(information) - len(THETA))])
+    bare, remaining, request, notes = without_memory(model, theta, request)
     assert bare.names == MODEL.names
-    np.testing.assert_array_equal(rest, THETA)
-    np.testing.assert_array_equal(np.diag(request.prior), np.arange(1.0, own + 1))
+    np.testing.assert_array_equal(remaining, THETA)
+    np.testing.assert_array_equal(np.diag(request.prior), information[: len(THETA)])
     assert notes == (LeftOut(("Dahl",)),)
     assert without_memory(MODEL, THETA, REQUEST) == (MODEL, THETA, REQUEST, ())
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from dynident.apps.excitation import Criterion, polish
-from dynident.apps.excitation.interior import GridReserve, Interior
+from dynident.apps.excitation.interior import Interior
 from dynident.apps.excitation.search import STAGES, Plan, Stage, improve_motion, random_motion, search
 from dynident.runtime import InputError, progress_to
-from tests.apps.excitation.arms import LIMITS, MODEL, THETA
-from tests.apps.excitation.requests import OPEN, SPACE, interior
+from tests.apps.excitation.arms import LIMITS, MODEL
+from tests.apps.excitation.requests import OPEN, interior
 
 searching = importlib.import_module("dynident.apps.excitation.search")  # the package has the function by this name
 
@@ -84,30 +84,6 @@ def test_limits_are_kept_between_the_points_of_the_grid():
     shares = np.abs(np.asarray(one.family.values(t) @ x.T) - np.stack([LIMITS.middle, *np.zeros((3, 2))])[:, None])
     assert (shares <= LIMITS.sizes[:, None]).all()
     assert one.between(x, MODEL) is None
-
-
-def test_what_is_exceeded_between_the_points_is_kept_free():
-    one = interior()
-    x = random_motion(one, np.random.default_rng(6))
-    tau = np.abs(MODEL.torque(*one.states(x)[:3], THETA)).max(axis=0)
-    tight = replace(one.feasible, limits=replace(LIMITS, torque=0.95 * tau))
-    free = replace(one, feasible=tight, spare=GridReserve(np.full(2, -1.0), np.full(len(SPACE.pairs), -1.0)))
-    beyond = free.between(x, MODEL)
-    assert (beyond.torque > -1.0 + 0.05).all()
-    wider = one.with_reserve(beyond)
-    np.testing.assert_array_equal(wider.spare.torque, np.maximum(beyond.torque, one.spare.torque))
-
-
-def test_a_smaller_motion_keeps_what_the_larger_did_not():
-    one = interior()
-    x = random_motion(one, np.random.default_rng(7))
-    left = one.torque_slack(one.states(x)).min(axis=(0, 1))
-    wider = one.with_reserve(replace(one.spare, torque=one.spare.torque + left + 0.01))
-    assert not wider.is_inside(x)
-    smaller = wider.shrink(x)
-    assert wider.is_inside(smaller)
-    assert 0.3 < np.abs(smaller[:, 1:]).sum() / np.abs(x[:, 1:]).sum() < 1.0
-    assert one.with_reserve(replace(one.spare, torque=np.full(2, 0.99))).shrink(x) is None
 
 
 SHORT = (Stage(1.0, 10), Stage(0.1, 10, 0.5))

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 import dynident as dy
-from dynident.apps.excitation.clearance import (
-    body_distance,
-    distance_rate_bounds,
-    reach_bounds,
-    segment_distance,
-    signed_distance,
-)
+from dynident.apps.excitation.clearance import body_distance, segment_distance, signed_distance
 from dynident.apps.excitation.exact_space import build_capsule_space
 from dynident.models import Box, Capsule, Cylinder, Floor
 from dynident.models.geometry import LipschitzDistances
@@ -149,20 +143,3 @@ def test_no_distance_changes_faster(xml) -> None:
     assert (shallow.max(axis=0) <= space.steepest).all()
     assert (shallow.max(axis=0) > 0.3 * space.steepest).mean() > 0.4
     assert (slopes[:, space.steepest == 0] == 0).all()
-
-
-def test_the_reach_is_the_way_over_the_links() -> None:
-    limit = '<limit effort="1" velocity="1" lower="-0.4" upper="0.2"/>'
-    bodies = dy.RigidBodies(
-        urdf(
-            *(link(name, 1.0) for name in ("base", "a", "b", "c")),
-            joint("one", "revolute", "base", "a", (0.0, 0.0, 9.0)),
-            joint("two", "prismatic", "a", "b", (0.3, 0.0, 0.4), inside=limit),
-            joint("three", "revolute", "b", "c", (0.0, 0.2, 0.0)),
-        )
-    )
-    reaches = np.array([reach_bounds(bodies, body, 0.1) for body in (-1, 0, 2)])
-    assert reaches == pytest.approx(np.array([[0, 0, 0], [0.1, 0, 0], [0.1 + 0.2 + 0.5 + 0.4, 1.0, 0.1]]))
-    rates = distance_rate_bounds(bodies, reaches, [(0, 1), (1, 2)])
-    assert rates == pytest.approx(np.array([[0.1, 0, 0], [0, 1.0, 0.1]]))
-    assert distance_rate_bounds(bodies, reaches, []).shape == (0, 3)

@@ -41,16 +41,6 @@ def written(path: Path, data: object) -> Path:
     return path
 
 
-def test_a_robot_file_alone(robot: Path) -> None:
-    found = read_excitation(robot)
-    assert found.prior.model.names[-1] == "offset_bend"  # with the plain set of terms
-    assert found.origin is NoiseOrigin.RULE
-    np.testing.assert_allclose(found.request.sigma, [0.4, 0.15])  # 1 % of the torque limits
-    assert found.request.prior is None
-    assert found.geometry is not None
-    assert found.space.pairs == ()  # a body and the next one
-
-
 def test_settings_of_a_file_and_changes_of_them(robot: Path, tmp_path: Path) -> None:
     given = {
         "duration": 12,

@@ -1,4 +1,4 @@
-"""Families of motions: bounds that hold between the points of a grid, and are close."""
+"""Families of motions: derivatives, and bounds that hold between the points of a grid and are close."""
 
 import numpy as np
 import pytest
@@ -8,6 +8,13 @@ from hypothesis import strategies as st
 from dynident.apps.excitation.family import ClampedSpline, Fourier
 
 seeds = st.integers(0, 2**32 - 1)
+
+
+@pytest.mark.parametrize("family", [Fourier(7.0, 4), ClampedSpline(7.0, 9)])
+def test_each_is_the_derivative_of_the_one_before(family):
+    t, h = np.linspace(0.1, 6.9, 50), 1e-5
+    slopes = (family.values(t + h) - family.values(t - h))[:3] / (2 * h)
+    np.testing.assert_allclose(slopes, family.values(t)[1:], atol=1e-5 * np.abs(slopes).max())
 
 
 @given(seeds, st.integers(1, 8), st.floats(1.05, 12.0))

@@ -56,11 +56,10 @@ def test_usual_limits_of_a_known_arm_are_offered_where_a_rule_stands(monkeypatch
     limits = {"lift": {"acceleration": 7.0}, "bend": {"acceleration": 7.0}}
     monkeypatch.setattr("dynident.apps.excitation.limits.find_arm", lambda _: KnownArm("Two", "a/b, c.yaml", limits))
     ruled = replace(found, limits=replace(found.limits, by_rule={"lift": ("acceleration",)}))
-    said = list(limit_words(ruled))
-    assert said[1].startswith(
-        "The joints are those of a Two, whose usual limits of acceleration are public (a/b, c.yaml)"
-    )
-    assert "--settings limits.yaml" in said[1]
+    words = "The joints are those of a Two, whose usual limits of acceleration are public (a/b, c.yaml)"
+    said = list(limit_words(ruled))[1]
+    assert said.startswith(words)
+    assert "--settings limits.yaml" in said
     arm = usual_arm(ruled.model, ruled.limits)
     assert arm is not None
     given = {"lift": JointLimits(acceleration=1.0, upper=0.5)}
@@ -85,8 +84,7 @@ def test_without_a_floor_it_is_said_how_low_the_arm_reaches() -> None:
     assert list(floor_words(project, found)) == []
     free = replace(project, settings=project.settings.model_copy(update={"floor": None}))
     (said,) = floor_words(free, found)
-    t = found.trajectory.times(50.0)
-    q = found.trajectory.states(t)[0]
+    q = found.trajectory.states(found.trajectory.times(50.0))[0]
     elbow = 0.4 * np.sin(q[:, 0])  # the axes turn about -y
     low = float(said.partition("reaches down to ")[2].partition(" m")[0])
     assert "m below" in said

@@ -12,7 +12,7 @@ from dynident.apps.excitation import MotionLimits, Piece, Purpose, Trajectory, v
 from dynident.apps.excitation.family import Fourier, LinearCourse
 from dynident.apps.excitation.limits import Feasibility
 from dynident.apps.excitation.way import Quintic, direct_path, feasible_durations, find_path, from_rest, rest_state
-from tests.apps.excitation.arms import AROUND, FREE, LIMITS, MODEL, THETA, Post, scaled
+from tests.apps.excitation.arms import AROUND, FREE, LIMITS, MODEL, THETA, Post, scaled, smooth_and_at_rest
 
 seeds = st.integers(0, 2**32 - 1)
 SIZES = {"velocity": 2.0, "acceleration": 8.0, "jerk": 160.0, "torque": np.inf}
@@ -51,15 +51,18 @@ def test_a_state_beyond_the_limits_has_no_way():
     assert list(feasible_durations(BOX, rest_state(np.zeros(2)), fast)) == []
 
 
-def test_the_periods_are_those_of_the_series_from_another_phase_on():
-    rng, family = np.random.default_rng(5), Fourier(6.0, 4)
-    x = scaled(family, rng, share=0.6)
-    pieces = from_rest(FREE, LinearCourse(family, x), 1, None, rng)
-    (course,) = (one.course for one in pieces if one.purpose is Purpose.MOTION)
-    t = np.linspace(0, 6.0, 601)
-    given = LinearCourse(family, x).states(t)[0]
-    found = course.states(np.array([0.0]))[0]
-    assert np.abs(given - found).max(axis=1).min() < 0.02
+@pytest.mark.parametrize("seed", range(5))
+def test_a_series_begins_and_ends_at_rest_at_the_phase_of_its_ramps(seed):
+    rng, family = np.random.default_rng(seed), Fourier(6.0, 4)
+    x, start = scaled(family, rng, share=0.6), None if seed % 2 else np.array([0.3, -0.4])
+    pieces = from_rest(FREE, LinearCourse(family, x), 1, start, rng)
+    trajectory = Trajectory(LIMITS.joints, pieces)
+    first, last = smooth_and_at_rest(trajectory)
+    np.testing.assert_allclose([first, last], [first if start is None else start] * 2, atol=1e-9)
+    verify(trajectory, FREE)
+    (course,) = (piece.course for piece in pieces if piece.purpose is Purpose.MOTION)
+    path = LinearCourse(family, x).states(np.linspace(0, 6.0, 601))[0]
+    assert np.abs(path - course.states(np.array([0.0]))[0]).max(axis=1).min() < 0.02
     np.testing.assert_allclose(np.hypot(course.x[:, 1::2], course.x[:, 2::2]), np.hypot(x[:, 1::2], x[:, 2::2]))
 
 

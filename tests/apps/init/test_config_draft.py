@@ -20,6 +20,7 @@ from dynident.models.robot_files import RobotJointLimits
 from dynident.project.arms import KnownArm
 from dynident.project.config import parse_config
 from dynident.project.shortcuts import read_robot
+from tests.apps.excitation.arms import TWO
 from tests.cli.commands import refuse, run, succeed
 from tests.kept import check_kept
 from tests.robots import joint, link, urdf
@@ -274,21 +275,13 @@ def test_a_finger_that_does_not_move_is_locked_where_it_stands(arm, tmp_path):
     assert any("'finger'" in note and "were fixed" in note for note in notes)
 
 
-CURRENT_TENSOR = np.diag([0.05, 0.05, 0.02])
-CURRENT_LIMIT = '<limit effort="60" velocity="5" lower="-3" upper="3"/>'
 GAINS = np.array([9.0, -5.0])
 
 
 def write_current_arm(folder: Path, mass: float = 1.0) -> Path:
-    (folder / "arm.urdf").write_text(
-        urdf(
-            link("base", 1.0),
-            link("upper", 3.0 * mass, (0.05, 0.03, 0.2), tensor=mass * CURRENT_TENSOR),
-            link("fore", 2.0 * mass, (0.05, 0.0, 0.15), tensor=mass * CURRENT_TENSOR),
-            joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0), inside=CURRENT_LIMIT),
-            joint("elbow", "revolute", "upper", "fore", (0, 0, 0.4), axis=(0, 1, 0), inside=CURRENT_LIMIT),
-        )
-    )
+    pattern = '(mass value|i[xyz]{2})="([^"]*)"'
+    text = re.sub(pattern, lambda match: f'{match[1]}="{mass * float(match[2])!r}"', TWO)
+    (folder / "arm.urdf").write_text(text)
     return folder / "arm.urdf"
 
 
@@ -302,7 +295,7 @@ def record_currents(folder: Path, name: str, phase: float) -> Path:
     rng = np.random.default_rng(int(10 * phase))
     tau = model.torque(q, dq, ddq, theta) + 0.1 * rng.standard_normal(q.shape)
     rows = np.column_stack([t, q + 1e-4 * rng.standard_normal(q.shape), tau / GAINS])
-    header = "t,shoulder_pos,elbow_pos,shoulder_current,elbow_current"
+    header = "t,lift_pos,bend_pos,lift_current,bend_current"
     np.savetxt(folder / name, rows, delimiter=",", header=header, comments="")
     return folder / name
 
@@ -314,7 +307,7 @@ def test_gains_are_proposed_with_a_question(tmp_path: Path, mass: float) -> None
     done = succeed("init", write_current_arm(tmp_path, mass), *logs, "-o", tmp_path / "c.yaml")
     text = (tmp_path / "c.yaml").read_text()
     config = parse_config(text, tmp_path / "c.yaml")
-    gains = [config.torque[name].gain for name in ("shoulder", "elbow")]
+    gains = [config.torque[name].gain for name in ("lift", "bend")]
     assert gains == pytest.approx(mass * GAINS, rel=0.05)
     assert "are its masses right?" in done.output
     assert text.count("from the robot file") == 2
@@ -327,4 +320,4 @@ def test_without_masses_the_gains_are_to_be_filled_in(tmp_path: Path) -> None:
     bare.write_text("".join(part.rpartition("</inertial>")[2] for part in text.split("<inertial>")))
     done = succeed("init", bare, log, "-o", tmp_path / "c.yaml")
     assert "the gains: torque constant times gear ratio" in done.output
-    assert "# shoulder: { column: shoulder_current, gain: ," in (tmp_path / "c.yaml").read_text()
+    assert "# lift: { column: lift_current, gain: ," in (tmp_path / "c.yaml").read_text()

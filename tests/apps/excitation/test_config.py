@@ -35,6 +35,7 @@ BOX = {"name": "table", "centre": [0, 0, 0], "size": [1, 1, 1]}
         ({"duration": 0}, "duration: a number from 0.1 to 3600 s"),
         ({"program": "dance"}, "program: 'dance' is not a choice"),
         ({"parameters": ["m"]}, "`parameters`, those that matter, go with `criterion: a`"),
+        ({"seed": -1}, "seed: a whole number of at least 0"),
         ({"limits": {"j": {"lower": 1, "upper": -1}}}, "limits.j: `lower` must be below `upper`, but 1 >= -1"),
         ({"limits": {"j": {"speed": 1}}}, "limits.j: unknown key 'speed'"),
         ({"boxes": [{**BOX, "size": [1, 1, 0]}]}, "boxes[0].size[2]: a number greater than 0"),

@@ -18,7 +18,7 @@ from dynident.apps.excitation.motion import (
     reachable_motion,
     without_memory,
 )
-from dynident.apps.excitation.search import Plan, Stage, random_motion
+from dynident.apps.excitation.search import Plan, Stage, random_motion, search
 from dynident.apps.excitation.way import RAMP_IN, RAMP_OUT, from_rest
 from dynident.models.friction import Dahl
 from dynident.runtime import ConfigError, InputError, progress_to
@@ -125,16 +125,17 @@ def test_progress_says_what_is_sought(changes, words):
 
 @pytest.mark.parametrize("rounds", [2, 0])  # of the search; then the motion is made smaller
 def test_a_torque_beyond_the_limit_between_the_points_is_mended(monkeypatch, rounds):
-    one = interior(space=OPEN)
-    found = find_best_motion(one, FREE, SHORT, np.random.default_rng(1))
-    tau = np.abs(MODEL.torque(*one.states(found.x)[:3], THETA)).max(axis=0)
-    tight = replace(LIMITS, torque=0.97 * tau)
-    narrow = interior(space=OPEN, limits=tight)
     monkeypatch.setattr("dynident.apps.excitation.motion.MAX_RESTARTS", rounds)
-    again = find_best_motion(narrow, replace(FREE, limits=tight), SHORT, np.random.default_rng(1))
-    assert narrow.between(again.x, MODEL) is None
-    t = np.linspace(0.0, narrow.family.duration, 4001)
-    fine = np.asarray(narrow.family.values(t) @ again.x.T)
+    one = interior(space=OPEN)
+    x = search(one, SHORT, np.random.default_rng(1)).x
+    tight = replace(LIMITS, torque=0.9 * np.abs(MODEL.torque(*one.states(x)[:3], THETA)).max(axis=0))
+    narrow = interior(space=OPEN, limits=tight)
+    loose = replace(narrow, spare=replace(narrow.spare, torque=np.full(2, -0.1)))  # as if the grid missed so much
+    beyond = loose.between(search(loose, SHORT, np.random.default_rng(1)).x, MODEL)
+    assert beyond.torque.max() > 0
+    mended = find_best_motion(loose, replace(FREE, limits=tight), SHORT, np.random.default_rng(1)).x
+    assert narrow.between(mended, MODEL) is None
+    fine = np.asarray(narrow.family.values(np.linspace(0.0, narrow.family.duration, 4001)) @ mended.T)
     assert (np.abs(MODEL.torque(*fine[:3], THETA)) <= tight.torque).all()
 
 

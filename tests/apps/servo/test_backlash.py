@@ -84,8 +84,8 @@ def noisy(log: ServoLog) -> ServoLog:
 @pytest.mark.parametrize(
     "record",
     [
-        lambda: recording(3),
-        lambda: recording(4),
+        lambda: recording(1),
+        lambda: recording(2),
         lambda: noisy(recording(3)),
         lambda: slack_recording(1, 1, output=False, stiffness=15.0),
     ],

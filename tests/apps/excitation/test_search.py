@@ -4,7 +4,6 @@ import importlib
 import pickle
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
@@ -114,21 +113,6 @@ def test_the_barrier_holds_every_iterate(monkeypatch):
     assert any(seen)  # steps that go too far are tried, and not taken
     assert ONE.is_inside(best)
     assert criterion < at(ONE, x, 0.0).criterion
-
-
-def test_a_stage_goes_down_a_narrow_valley_however_flat_it_is():
-    """To its bottom at zero, from little more than a thousandth above it."""
-    curvature = 1e-3 * np.array([1.0, 30.0, 1000.0])
-
-    def at(x, weight):
-        value = float((curvature * x**2).sum())
-        return SimpleNamespace(value=value, criterion=value, gradient=2 * curvature * x)
-
-    valley = SimpleNamespace(
-        at=at, unit=1e-9, barrier_curvature=lambda *_: np.eye(3)[None],
-        range_slack=lambda x: np.full(1, np.inf), constraint_values=lambda step: np.ones(1),
-    )  # fmt: skip
-    assert improve_motion(valley, np.array([[1.0, 0.1, 0.01]]), Stage(1.0, 30))[1] < 1e-9
 
 
 def test_the_executor_does_not_change_the_motion_nor_does_another_process():

@@ -1,7 +1,5 @@
 """Criteria of a motion: their values by definition, their derivatives by differences."""
 
-import pickle
-
 import numpy as np
 import pytest
 
@@ -88,18 +86,11 @@ def test_values_are_those_of_the_definitions():
     assert own[Criterion.D_OPTIMAL].value(*states) == pytest.approx(-log_det, abs=1e-5)
     variance = np.trace(named @ np.linalg.inv(M) @ named.T)
     assert own[Criterion.A_OPTIMAL].value(*states) == pytest.approx(np.log(variance), abs=1e-6)
+    everything = criterion_of(model, Criterion.A_OPTIMAL).value(*states)  # where nothing is named
+    assert everything == pytest.approx(np.log((np.diag(np.linalg.inv(M)) * scale**2).sum()), abs=1e-6)
     size = np.sqrt(np.diag(M))
     condition = np.log(np.linalg.cond(M / np.outer(size, size))) / 2
     assert condition <= own[Criterion.CONDITION].value(*states) <= condition + 2 * np.log(len(M)) / 32
-
-
-def test_all_base_parameters_count_where_none_is_named():
-    model = arm()
-    criterion = criterion_of(model, Criterion.A_OPTIMAL)
-    functions, x = motion(model)
-    variances = np.diag(np.linalg.inv(information(criterion, functions @ x.T)))
-    expected = np.log((variances * criterion.scale**2).sum())
-    assert criterion.value(*(functions @ x.T)) == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_prior_is_as_if_it_had_been_recorded():
@@ -162,11 +153,3 @@ def test_rounded_angles_hold_no_information():
     kept = list(basis.independent)
     own = (rows.T @ rows)[np.ix_(kept, kept)]
     np.testing.assert_allclose(base_information(basis, rows.T @ rows), own, rtol=1e-12, atol=1e-9)
-
-
-def test_it_goes_to_other_processes():
-    model = arm()
-    functions, x = motion(model)
-    criterion = criterion_of(model)
-    copy = pickle.loads(pickle.dumps(criterion))
-    assert copy.value(*(functions @ x.T)) == criterion.value(*(functions @ x.T))

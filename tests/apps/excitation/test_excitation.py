@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import yaml
 
 import dynident as dy
 from dynident.apps.excitation import Criterion, Program
-from dynident.apps.excitation.config import NoiseOrigin
+from dynident.apps.excitation.config import NoiseOrigin, knowledge_of_result
 from dynident.apps.excitation.expected_report import body_words, shape_words
 from dynident.apps.excitation.files import recording_config
 from dynident.apps.excitation.robot import read_excitation
@@ -38,16 +39,6 @@ def robot(tmp_path: Path) -> Path:
 def written(path: Path, data: object) -> Path:
     path.write_text(yaml.safe_dump(data))
     return path
-
-
-def test_a_robot_file_alone(robot: Path) -> None:
-    found = read_excitation(robot)
-    assert found.prior.model.names[-1] == "offset_bend"  # with the plain set of terms
-    assert found.origin is NoiseOrigin.RULE
-    np.testing.assert_allclose(found.request.sigma, [0.4, 0.15])  # 1 % of the torque limits
-    assert found.request.prior is None
-    assert found.geometry is not None
-    assert found.space.pairs == ()  # a body and the next one
 
 
 def test_settings_of_a_file_and_changes_of_them(robot: Path, tmp_path: Path) -> None:
@@ -112,6 +103,9 @@ def test_logs_of_a_configuration_give_parameters_and_noise_and_a_result_its_info
     assert again.request.prior is not None
     covariance = np.linalg.inv(again.request.prior)
     np.testing.assert_allclose(covariance, result.errors.base_covariance, rtol=1e-6)
+    old = knowledge_of_result(replace(result, errors=replace(result.errors, base_covariance=None)))
+    assert old.information is None
+    assert "identify again" in old.loss_reason
 
 
 def test_what_cannot_be_read_is_said(robot: Path, tmp_path: Path) -> None:
@@ -150,12 +144,10 @@ def test_folders_of_packages_are_relative_to_their_settings(robot: Path, tmp_pat
     found = read_excitation(robot, written(tmp_path / "cell" / "cell.yaml", {"packages": ["../far"]}))
     assert found.geometry is not None
     assert not found.geometry.missing
-    draft = yaml.safe_load(recording_config(found, tmp_path / "out"))
-    assert draft["excitation"]["packages"] == ["../far"]
-    with pytest.raises(ConfigError, match=r"packages: there is no folder '.*nowhere'"):
-        read_excitation(robot, None, {"packages": ["nowhere"]})
-    with pytest.raises(ConfigError, match=r"packages\[0\]: the name of a folder"):
-        read_excitation(robot, None, {"packages": [3]})
+    assert yaml.safe_load(recording_config(found, tmp_path / "out"))["excitation"]["packages"] == ["../far"]
+    for folder, words in (("nowhere", r"packages: there is no folder '.*nowhere'"), (3, r"packages\[0\]: the name of")):
+        with pytest.raises(ConfigError, match=words):
+            read_excitation(robot, None, {"packages": [folder]})
 
 
 def test_masses_and_inertias_that_cannot_be_are_said(robot: Path) -> None:

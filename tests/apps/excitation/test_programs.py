@@ -27,16 +27,12 @@ from tests.apps.excitation.requests import OPEN, REQUEST
 START = np.array([-1.0, 0.3])
 
 
-@pytest.mark.parametrize(("start", "duration"), [(None, 40.0), (START, 90.0)])
-def test_it_keeps_the_limits_and_the_clearance_and_fills_its_time(start, duration):
-    pieces = friction_program(AROUND, duration, start, np.random.default_rng(0))
+def test_it_keeps_the_limits_and_the_clearance_and_fills_its_time():
+    pieces = friction_program(AROUND, 90.0, START, np.random.default_rng(0))
     trajectory = Trajectory(LIMITS.joints, pieces)
-    first, last = smooth_and_at_rest(trajectory)
-    np.testing.assert_allclose(first, last, atol=1e-9)
-    if start is not None:
-        np.testing.assert_allclose(first, start, atol=1e-9)
+    np.testing.assert_allclose(smooth_and_at_rest(trajectory), [START, START], atol=1e-9)
     assert verify(trajectory, Feasibility(MODEL, THETA, LIMITS, Post(), 0.02)).nearest.distance >= 0.02
-    assert 0.95 * duration < trajectory.duration <= duration
+    assert 0.95 * 90.0 < trajectory.duration <= 90.0
 
 
 def test_each_joint_goes_to_and_fro_over_the_same_way_at_each_speed_slow_to_fast():
@@ -96,17 +92,18 @@ def information(poses):
     return np.log(sizes[:6]).sum() if sizes[5] > 1e-6 else -np.inf  # four of gravity, two offsets
 
 
-def made(feasible, duration=40.0, start=None):
-    request = MotionRequest(1 / np.sqrt(WEIGHTS), duration=duration, start=start)
+@cache
+def gravity_pieces(feasible, start, duration=40.0):
+    request = MotionRequest(1 / np.sqrt(WEIGHTS), duration=duration, start=None if start is None else np.array(start))
     return gravity_program(feasible, request, np.random.default_rng(1))
 
 
 def visits(pieces):
-    found = {}
-    for one in pieces:
-        if one.purpose is Purpose.POSE:
-            found.setdefault(one.label, []).append(one.course)
-    return found
+    courses = {}
+    for piece in pieces:
+        if piece.purpose is Purpose.POSE:
+            courses.setdefault(piece.label, []).append(piece.course)
+    return courses
 
 
 def test_chosen_poses_tell_more_than_random_ones():
@@ -116,36 +113,31 @@ def test_chosen_poses_tell_more_than_random_ones():
     assert chosen > max(information(FREE.random_poses(6, rng)) for _ in range(100))
 
 
-@cache
-def visited(feasible):
-    return made(feasible)
-
-
 @pytest.mark.parametrize(
     ("feasible", "start"),
-    [(AROUND, None), (SMOOTH, None), (ONE, START)],
+    [(AROUND, None), (SMOOTH, None), (ONE, (-1.0, 0.3))],
     ids=["dry friction", "none", "of one joint, from a start"],
 )
 def test_poses_are_visited_within_the_limits_and_the_time(feasible, start):
-    pieces = visited(feasible) if start is None else made(feasible, start=start)
+    pieces = gravity_pieces(feasible, start)
     trajectory = Trajectory(LIMITS.joints, pieces)
     first, last = smooth_and_at_rest(trajectory)
-    np.testing.assert_allclose(first, last, atol=1e-9)
+    np.testing.assert_allclose([first, last], [first if start is None else start] * 2, atol=1e-9)
     verify(trajectory, Feasibility(feasible.model, feasible.theta, LIMITS, Post(), 0.02))
-    found = visits(pieces)
-    assert list(found) == [str(k + 1) for k in range(len(found))]
-    assert [sum(one.duration for one in each) for each in found.values()] == pytest.approx([HOLD_TIME] * len(found))
-    assert len(found) >= 8
+    courses = visits(pieces)
+    assert list(courses) == [str(k + 1) for k in range(len(courses))]
+    assert [sum(one.duration for one in each) for each in courses.values()] == pytest.approx([HOLD_TIME] * len(courses))
+    assert len(courses) >= 8
     assert 30.0 < trajectory.duration <= 40.0
 
 
 def test_without_dry_friction_poses_are_held():
-    assert {type(one) for each in visits(visited(SMOOTH)).values() for one in each} == {Hold}
+    assert {type(one) for each in visits(gravity_pieces(SMOOTH, None)).values() for one in each} == {Hold}
 
 
 def test_where_joints_have_dry_friction_they_pass_to_and_fro_over_one_way_at_a_speed_that_counts():
     signs = set()
-    for there, back in visits(visited(AROUND)).values():
+    for there, back in visits(gravity_pieces(AROUND, None)).values():
         np.testing.assert_allclose(there.end, back.pose)
         np.testing.assert_allclose(back.end, there.pose)
         speeds = [one.states(np.array([one.duration / 2]))[1, 0] for one in (there, back)]
@@ -157,7 +149,7 @@ def test_where_joints_have_dry_friction_they_pass_to_and_fro_over_one_way_at_a_s
 
 
 def test_a_joint_without_dry_friction_stands_meanwhile():
-    for each in visits(visited(ONE)).values():
+    for each in visits(gravity_pieces(ONE, (-1.0, 0.3))).values():
         for one in each:
             moving = np.abs(one.states(np.linspace(0.0, one.duration, 99))[1]).max(axis=0)
             np.testing.assert_allclose(moving, [0.0, 2 * SLOW[1]], rtol=1e-6)
@@ -165,7 +157,7 @@ def test_a_joint_without_dry_friction_stands_meanwhile():
 
 def test_low_limits_of_acceleration_and_jerk_are_kept():
     weak = replace(FREE, limits=replace(LIMITS, acceleration=LIMITS.velocity / 3, jerk=LIMITS.velocity))
-    verify(Trajectory(LIMITS.joints, made(weak)), Feasibility(MODEL, THETA, weak.limits))
+    verify(Trajectory(LIMITS.joints, gravity_pieces(weak, None, 15.0)), weak)
 
 
 def test_passing_shows_more_of_gravity_than_holding():
@@ -173,7 +165,7 @@ def test_passing_shows_more_of_gravity_than_holding():
     poses = FREE.random_poses(300, np.random.default_rng(3))
     rows = MODEL.regressor(poses, 0 * poses, 0 * poses).reshape(-1, len(THETA))
     errors = []
-    for pieces in (visited(AROUND), visited(SMOOTH)):
+    for pieces in (gravity_pieces(AROUND, None), gravity_pieces(SMOOTH, None)):
         path = Trajectory(LIMITS.joints, pieces)
         M = torque_information(MODEL, path.states(path.times(100.0)), WEIGHTS, SLOW)
         M = M / path.duration
@@ -183,9 +175,9 @@ def test_passing_shows_more_of_gravity_than_holding():
 
 def test_too_little_time_for_poses_is_said():
     with pytest.raises(ConfigError, match=r"has 2\.0 s, too little to reach a pose"):
-        made(FREE, 2.0, START)
+        gravity_pieces(FREE, (-1.0, 0.3), 2.0)
     with pytest.raises(ConfigError, match="in none of 400 poses can all joints with dry friction move slowly"):
-        made(replace(FREE, limits=replace(LIMITS, lower=LIMITS.lower / 100, upper=LIMITS.upper / 100)))
+        gravity_pieces(replace(FREE, limits=replace(LIMITS, lower=LIMITS.lower / 100, upper=LIMITS.upper / 100)), None)
 
 
 OPEN_SPACE = Feasibility(MODEL, THETA, LIMITS, OPEN, REQUEST.clearance)
@@ -196,33 +188,8 @@ def pieces(program, duration, start=None, seed=0):
     return slow_pieces(OPEN_SPACE, request, np.random.default_rng(seed))
 
 
-def kinds(found):
-    return {piece.purpose for piece in found} - {Purpose.WAY}
-
-
 def test_the_motion_alone_has_nothing_beside_it():
     assert pieces(Program.MOTION, 10.0) == ()
-
-
-@pytest.mark.parametrize(
-    ("program", "duration", "start", "purposes"),
-    [
-        (Program.FRICTION, 40.0, None, {Purpose.FRICTION}),
-        (Program.GRAVITY, 20.0, np.array([0.5, 0.5]), {Purpose.POSE}),
-        (Program.ALL, 100.0, np.array([0.5, 0.5]), {Purpose.FRICTION, Purpose.POSE}),
-    ],
-)
-def test_programs_keep_their_time_and_return(program, duration, start, purposes):
-    found = pieces(program, duration, start)
-    assert kinds(found) == purposes
-    trajectory = Trajectory(LIMITS.joints, found)
-    share = FRICTION_SHARE + GRAVITY_SHARE if program is Program.ALL else 1.0
-    assert 0.5 * share * duration < trajectory.duration <= share * duration * (1 + 1e-9)
-    ends = smooth_and_at_rest(trajectory)
-    np.testing.assert_allclose(ends[0], ends[1], atol=1e-9)
-    np.testing.assert_allclose(home_pose(found), ends[0])
-    if start is not None:
-        np.testing.assert_allclose(ends[0], start)
 
 
 def test_less_time_makes_fewer_speeds(monkeypatch):
@@ -240,11 +207,17 @@ def test_less_time_makes_fewer_speeds(monkeypatch):
     assert len({drawn for _, drawn in tried}) == 1
 
 
-@pytest.mark.parametrize("program", [Program.ALL, Program.FRICTION])
-def test_too_little_time_is_said_with_what_is_enough(program):
-    with pytest.raises(TooShortError, match=r"set `duration` to \d+ s or more") as caught:
-        pieces(program, 5.0 if program is Program.ALL else 1.0)
-    assert str(caught.value).startswith("of the duration of 5 s, 40% are for friction") == (program is Program.ALL)
-    assert pieces(program, np.ceil(caught.value.shortest))
+def test_too_little_time_is_said_with_what_is_enough_for_both_programs():
+    start = np.array([0.5, 0.5])
+    words = r"^of the duration of 5 s, 40% are for friction.*set `duration` to \d+ s or more"
+    with pytest.raises(TooShortError, match=words) as caught:
+        pieces(Program.ALL, 5.0, start)
     with pytest.raises(TooShortError):
-        pieces(program, 0.98 * caught.value.shortest)
+        pieces(Program.ALL, 0.98 * caught.value.shortest, start)
+    duration = np.ceil(caught.value.shortest)
+    both = pieces(Program.ALL, duration, start)
+    assert {piece.purpose for piece in both} == {Purpose.FRICTION, Purpose.POSE, Purpose.WAY}
+    trajectory, share = Trajectory(LIMITS.joints, both), FRICTION_SHARE + GRAVITY_SHARE
+    assert 0.5 * share * duration < trajectory.duration <= share * duration * (1 + 1e-9)
+    np.testing.assert_allclose(smooth_and_at_rest(trajectory), [start, start], atol=1e-9)
+    np.testing.assert_allclose(home_pose(both), start)

@@ -25,6 +25,16 @@ from tests.robots import ARM, ARM_MJCF, GRIPPER, joint, link, urdf
 RNG = np.random.default_rng(3)
 
 
+ROUNDED = urdf(
+    link("a"), link("b", 1.0, (0.1, 0, 0)), link("c", 2.0, (0, 0.2, 0)),
+    joint("one", "revolute", "a", "b", (0, 0, 0.3), (1.5708, 0, -3.1416)),
+    joint("two", "revolute", "b", "c", (0.3, 0, 0), (0, 0.785, 1.571)),
+)  # fmt: skip
+# what Pinocchio's reader of files refuses
+BARE = ARM.replace('effort="10" ', "").replace('type="continuous"><parent', 'type="continuous"><dynamics/><parent')
+BARE = BARE.replace("</inertial>", '</inertial><visual><geometry><mesh filename=""/></geometry></visual>')
+
+
 @pytest.mark.parametrize(
     "bodies",
     [
@@ -32,33 +42,14 @@ RNG = np.random.default_rng(3)
         RigidBodies(ARM, ("twist", "shoulder"), {"rail": 0.3}, (1.0, 2.0, -9.0), "arm"),
         RigidBodies(GRIPPER, source="gripper"),
         RigidBodies(urdf(link("a"), link("b", 1.0, (0.1, 0, 0)), joint("only", "continuous", "a", "b")), source="one"),
+        RigidBodies(ROUNDED, source="rounded angles"),
+        RigidBodies(BARE, source="no effort"),
     ],
 )
 def test_the_two_routes_agree(bodies):
     model = Model((Viscous(bodies.joints), bodies, Coulomb(bodies.joints)))
     theta = RNG.normal(size=len(model.parameters))  # physical or not
     states = RNG.normal(size=(3, 20, len(model.joints)))
-    other = pinocchio_torque(model, theta, *states)
-    np.testing.assert_allclose(other, model.torque(*states, theta), atol=1e-9 * np.abs(other).max())
-
-
-def test_rounded_angles_are_the_same_by_both():
-    file = urdf(
-        link("a"), link("b", 1.0, (0.1, 0, 0)), link("c", 2.0, (0, 0.2, 0)),
-        joint("one", "revolute", "a", "b", (0, 0, 0.3), (1.5708, 0, -3.1416)),
-        joint("two", "revolute", "b", "c", (0.3, 0, 0), (0, 0.785, 1.571)),
-    )  # fmt: skip
-    model = Model((RigidBodies(file, source="rounded"),))
-    theta, states = RNG.normal(size=20), RNG.normal(size=(3, 20, 2))
-    other = pinocchio_torque(model, theta, *states)
-    np.testing.assert_allclose(other, model.torque(*states, theta), atol=1e-9 * np.abs(other).max())
-
-
-def test_files_that_its_reader_refuses_are_checked_too():
-    arm = ARM.replace('effort="10" ', "").replace('type="continuous"><parent', 'type="continuous"><dynamics/><parent')
-    file = arm.replace("</inertial>", '</inertial><visual><geometry><mesh filename=""/></geometry></visual>')
-    model = Model((RigidBodies(file, source="no effort"),))
-    theta, states = RNG.normal(size=30), RNG.normal(size=(3, 20, 3))
     other = pinocchio_torque(model, theta, *states)
     np.testing.assert_allclose(other, model.torque(*states, theta), atol=1e-9 * np.abs(other).max())
 

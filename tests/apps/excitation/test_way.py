@@ -1,7 +1,7 @@
 """Ways between states and poses: they meet both ends, keep all limits, and go around what is in the way."""
 
 from dataclasses import replace
-from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,20 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.apps.excitation import MotionLimits, Piece, Purpose, Trajectory, verify
-from dynident.apps.excitation.family import ClampedSpline, Fourier, LinearCourse
+from dynident.apps.excitation.family import Fourier, LinearCourse
 from dynident.apps.excitation.limits import Feasibility
-from dynident.apps.excitation.trajectory import Sweep, ramp_times
-from dynident.apps.excitation.way import (
-    RAMP_IN,
-    RAMP_OUT,
-    Quintic,
-    direct_path,
-    feasible_durations,
-    find_path,
-    from_rest,
-    quintic_bounds,
-    rest_state,
-)
+from dynident.apps.excitation.way import Quintic, direct_path, feasible_durations, find_path, from_rest, rest_state
 from tests.apps.excitation.arms import AROUND, FREE, LIMITS, MODEL, THETA, Post, scaled, smooth_and_at_rest
 
 seeds = st.integers(0, 2**32 - 1)
@@ -32,41 +21,16 @@ BOX = MotionLimits(
 )
 
 
-@given(seeds, st.floats(0.1, 20.0))
-def test_a_quintic_meets_both_states_and_its_derivatives_follow(seed, duration):
-    start, end = np.random.default_rng(seed).normal(size=(2, 3, 2))
-    course = Quintic(duration, start, end)
-    both = course.states(np.array([0.0, duration]))
-    scale = duration ** np.arange(3.0)[:, None]
-    np.testing.assert_allclose(both[:3, 0] * scale, start * scale, atol=1e-9 * (1 + duration**2))
-    np.testing.assert_allclose(both[:3, 1] * scale, end * scale, atol=1e-9 * (1 + duration**2))
-    t, h = np.array([0.3, 0.5, 0.8]) * duration, 1e-5 * duration
-    slope = (course.states(t + h) - course.states(t - h))[:3] / (2 * h)
-    np.testing.assert_allclose(
-        slope * duration, course.states(t)[1:] * duration, atol=1e-4 * np.abs(course.states(t)).max()
-    )
-
-
-@given(seeds)
-def test_the_reach_holds_at_all_times_and_is_close(seed):
-    start, end = np.random.default_rng(seed).normal(size=(2, 3, 2))
-    low, high, sizes = quintic_bounds(start, end, np.array([1.7]))
-    found = Quintic(1.7, start, end).states(np.linspace(0, 1.7, 3000))
-    assert (found[0].min(axis=0) >= low[0] - 1e-12).all()
-    assert (found[0].max(axis=0) <= high[0] + 1e-12).all()
-    reached = np.abs(found[1:]).max(axis=1)
-    assert (reached <= sizes[0] * (1 + 1e-12)).all()
-    assert (sizes[0] <= 1.1 * reached).all()
-
-
 def test_from_rest_to_rest_the_duration_is_the_least_that_the_limits_allow():
     for way in (0.01, 0.3, 3.0):
         start, end = rest_state(np.array([-1.8, 0.0])), rest_state(np.array([-1.8 + way, 0.0]))
         least = max(15 / 8 * way / 2.0, (10 / 3**0.5 * way / 8.0) ** 0.5, (60 * way / 160.0) ** (1 / 3))
         assert least <= next(feasible_durations(BOX, start, end)) <= 1.06 * max(least, 0.05)
+    assert next(feasible_durations(BOX, start, start)) == pytest.approx(0.05)
 
 
 @given(seeds)
+@settings(max_examples=40)
 def test_every_duration_offered_keeps_the_limits(seed):
     rng = np.random.default_rng(seed)
     start = rest_state(rng.uniform(-2.0, 1.5, 2))
@@ -87,81 +51,19 @@ def test_a_state_beyond_the_limits_has_no_way():
     assert list(feasible_durations(BOX, rest_state(np.zeros(2)), fast)) == []
 
 
-def test_a_way_to_where_one_is_takes_the_shortest_duration():
-    pose = rest_state(np.array([0.1, 0.2]))
-    assert next(feasible_durations(BOX, pose, pose)) == pytest.approx(0.05)
-
-
-rooms, sizes, steps = st.floats(0.0, 5.0), st.floats(0.5, 50.0), st.sampled_from([0.0, 0.004, 0.012])
-
-
-@given(st.floats(0.01, 5.0), sizes, st.floats(1.0, 5000.0), rooms, st.sampled_from([-1.0, 1.0]), steps)
-def test_a_sweep_keeps_its_limits_and_ends_at_rest_where_it_should(speed, acceleration, jerk, extra, sign, step):
-    ramp, full = ramp_times(speed, acceleration, jerk, step)
-    distance = sign * (speed * (2 * ramp + full) + extra)
-    sweep = Sweep(np.array([0.5, -1.0]), np.array([0.0, 1.0]), distance, speed, acceleration, jerk, step)
-    t = np.linspace(0, sweep.duration, 999)
-    q, dq, ddq, jerks = sweep.states(t)
-    assert (q[:, 0] == 0.5).all()
-    assert not dq[:, 0].any()
-    assert np.abs(dq).max() == pytest.approx(speed)
-    assert np.abs(ddq).max() <= acceleration * (1 + 1e-9)
-    assert np.abs(jerks).max() <= jerk * (1 + 1e-12)
-    # in whole steps it is shorter by less than one of them at its speed
-    reached, slack = sign * (q[-1, 1] + 1.0), 1e-6 * step * speed + 1e-8
-    assert abs(distance) - speed * step - slack <= reached <= abs(distance) + slack
-    np.testing.assert_allclose([q[0, 1], dq[-1, 1]], [-1.0, 0.0], atol=1e-8)
-    assert np.abs(ddq[-1]).max() <= 1e-9 * jerk * sweep.duration + 1e-9
-    np.testing.assert_allclose(sweep.end, q[-1], atol=1e-9)
-    if not step:
-        assert sweep.cruise == pytest.approx(extra / speed, abs=1e-9 * sweep.duration + 1e-12)
-    else:
-        parts = sweep._way.x / step
-        np.testing.assert_allclose(parts, np.round(parts), atol=1e-6)
-
-
-def test_each_is_the_derivative_of_the_one_before():
-    sweep = Sweep(np.zeros(2), np.array([1.0, -0.3]), 2.0, 1.0, 4.0, 60.0)
-    t, h = np.linspace(0.01, sweep.duration - 0.01, 57), 1e-6
-    slope = (sweep.states(t + h) - sweep.states(t - h))[:3] / (2 * h)
-    np.testing.assert_allclose(slope, sweep.states(t)[1:], atol=1e-4)
-
-
-@given(seeds, st.integers(1, 3), st.booleans())
-@settings(max_examples=12)
-def test_a_series_begins_and_ends_at_rest_and_all_pieces_meet(seed, periods, chosen):
+@pytest.mark.parametrize("seed", range(5))
+def test_a_series_begins_and_ends_at_rest_at_the_phase_of_its_ramps(seed):
     rng, family = np.random.default_rng(seed), Fourier(6.0, 4)
-    x, start = scaled(family, rng, share=0.6), None if chosen else np.array([0.3, -0.4])
-    pieces = from_rest(FREE, LinearCourse(family, x), periods, start, rng)
+    x, start = scaled(family, rng, share=0.6), None if seed % 2 else np.array([0.3, -0.4])
+    pieces = from_rest(FREE, LinearCourse(family, x), 1, start, rng)
     trajectory = Trajectory(LIMITS.joints, pieces)
     first, last = smooth_and_at_rest(trajectory)
-    np.testing.assert_allclose(first, last, atol=1e-9)
-    if not chosen:
-        np.testing.assert_allclose(first, start, atol=1e-12)
-    assert [one.label for one in pieces if one.purpose is Purpose.MOTION] == [str(k + 1) for k in range(periods)]
-    assert sum(one.label in (RAMP_IN, RAMP_OUT) for one in pieces) == 2
-    verify(trajectory, Feasibility(MODEL, THETA, LIMITS))
-
-
-def test_the_periods_are_those_of_the_series_from_another_phase_on():
-    rng, family = np.random.default_rng(5), Fourier(6.0, 4)
-    x = scaled(family, rng, share=0.6)
-    pieces = from_rest(FREE, LinearCourse(family, x), 1, None, rng)
-    (course,) = (one.course for one in pieces if one.purpose is Purpose.MOTION)
-    t = np.linspace(0, 6.0, 601)
-    given = LinearCourse(family, x).states(t)[0]
-    found = course.states(np.array([0.0]))[0]
-    assert np.abs(given - found).max(axis=1).min() < 0.02
+    np.testing.assert_allclose([first, last], [first if start is None else start] * 2, atol=1e-9)
+    verify(trajectory, FREE)
+    (course,) = (piece.course for piece in pieces if piece.purpose is Purpose.MOTION)
+    path = LinearCourse(family, x).states(np.linspace(0, 6.0, 601))[0]
+    assert np.abs(path - course.states(np.array([0.0]))[0]).max(axis=1).min() < 0.02
     np.testing.assert_allclose(np.hypot(course.x[:, 1::2], course.x[:, 2::2]), np.hypot(x[:, 1::2], x[:, 2::2]))
-
-
-def test_a_spline_needs_no_ramp():
-    rng, family = np.random.default_rng(2), ClampedSpline(8.0, 10)
-    x = scaled(family, rng, share=0.6)
-    pieces = from_rest(FREE, LinearCourse(family, x), 2, np.array([0.5, 0.5]), rng)
-    assert [one.purpose.value for one in pieces] == ["way", "motion", "motion", "way"]
-    smooth_and_at_rest(Trajectory(LIMITS.joints, pieces))
-    assert len(from_rest(FREE, LinearCourse(family, x), 2, None, rng)) == 2
 
 
 def test_without_a_way_there_is_no_motion():
@@ -186,8 +88,6 @@ def test_a_way_goes_around_what_is_between(seed):
     assert direct_path(AROUND, rest_state(LOW), rest_state(HIGH)) is None
     found = find_path(AROUND, LOW, HIGH, np.random.default_rng(seed))
     assert len(found) > 1
-    for one, other in pairwise(found):
-        np.testing.assert_array_equal(one.end, other.start)
     trajectory = Trajectory(LIMITS.joints, tuple(Piece(one, Purpose.WAY) for one in found))
     checked = verify(trajectory, Feasibility(MODEL, THETA, LIMITS, Post(), 0.02))
     assert checked.nearest.distance >= 0.02
@@ -206,15 +106,8 @@ def test_there_is_no_way_into_what_is_in_the_way_or_out_of_the_range():
     rng = np.random.default_rng(0)
     assert find_path(AROUND, LOW, np.zeros(2), rng) is None
     assert find_path(FREE, LOW, np.array([3.0, 0.0]), rng) is None
-    walls = replace(AROUND, space=Walls())
+    # the first joint cannot pass zero
+    wall = SimpleNamespace(pairs=(("upper", "wall"),), distances=lambda q: np.abs(q[:, :1]) - 0.2)
+    walls = replace(AROUND, space=wall)
     assert walls.can_stand(np.stack([LOW, HIGH])).all()
     assert find_path(walls, LOW, HIGH, rng) is None
-
-
-class Walls:
-    """The first joint cannot pass zero."""
-
-    pairs = (("upper", "wall"),)
-
-    def distances(self, q):
-        return np.abs(q[:, :1]) - 0.2

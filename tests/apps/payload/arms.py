@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -90,8 +89,3 @@ def result(gain: float = 1.0) -> Identification:
 def loaded_result(name: str = "loaded", gain: float = 1.0) -> Identification:
     """The arm with the payload, identified from a recording of this name."""
     return fit(recorded(name, CARRIED, gain))
-
-
-def damaged(found: Identification) -> Identification:
-    """A result as an older version has saved it."""
-    return replace(found, errors=replace(found.errors, base_covariance=None))

@@ -28,8 +28,8 @@ from dynident.identification import identify
 from dynident.models import smallest_eigenvalue
 from dynident.models.friction import LoadCoulomb
 from dynident.project.saved import load
-from dynident.runtime import ConfigError, InputError, ModelError
-from tests.apps.payload.arms import CARRIED, RECIPE, arm, damaged, fit, loaded_result, recorded, result
+from dynident.runtime import ConfigError, InputError
+from tests.apps.payload.arms import CARRIED, RECIPE, arm, fit, loaded_result, recorded, result
 from tests.kept import check_kept, facts
 
 GAINS = DriveGains(("a",), np.array([1.1]), np.array([[1e-4]]), 2.0)
@@ -54,18 +54,11 @@ def test_what_cannot_be_is_refused(settings: dict[str, Any], said: str) -> None:
         PayloadRequest(**settings)
 
 
-def test_gains_are_corrected_by_their_inverse() -> None:
-    assert GAINS.correction == pytest.approx([1 / 1.1])
-    assert GAINS.std == pytest.approx([0.01])
-
-
 def test_the_values_differ_from_the_truth_by_about_their_errors() -> None:
-    one, (_, theta) = ArmEvidence.of(result()), arm()
-    left = one.whitening_matrix() @ (one.value - one.combination @ theta)
-    assert 0.5 < np.mean(left**2) < 2
-    np.testing.assert_allclose(
-        one.whitening_matrix() @ one.covariance @ one.whitening_matrix().T, np.eye(len(one.value)), atol=1e-6
-    )
+    evidence, (_, theta) = ArmEvidence.of(result()), arm()
+    white = evidence.whitening_matrix()
+    assert 0.5 < np.mean((white @ (evidence.value - evidence.combination @ theta)) ** 2) < 2
+    np.testing.assert_allclose(white @ evidence.covariance @ white.T, np.eye(len(evidence.value)), atol=1e-6)
 
 
 def test_a_saved_result_says_the_same(tmp_path: Path) -> None:
@@ -77,13 +70,13 @@ def test_a_saved_result_says_the_same(tmp_path: Path) -> None:
 
 
 def test_results_that_do_not_know_their_covariance_are_refused() -> None:
-    with pytest.raises(InputError, match="old: does not hold the covariance"):
-        ArmEvidence.of(damaged(result()), "old")
+    old = replace(result(), errors=replace(result().errors, base_covariance=None))
+    with pytest.raises(InputError, match=r"does not hold the covariance .* identify again"):
+        find_payload(old, loaded_result())
     one = ArmEvidence.of(result())
-    with pytest.raises(InputError, match="covariance of the base parameters is singular"):
-        replace(one, covariance=one.covariance * 0 + 1.0).whitening_matrix()
-    with pytest.raises(InputError, match="no standard error"):
-        replace(one, covariance=0 * one.covariance).whitening_matrix()
+    for covariance, words in ((one.covariance * 0 + 1.0, "is singular"), (0 * one.covariance, "no standard error")):
+        with pytest.raises(InputError, match=words):
+            replace(one, covariance=covariance).whitening_matrix()
 
 
 TRUTH = physical_components(CARRIED)
@@ -112,24 +105,15 @@ def test_a_payload_is_found_within_its_errors() -> None:
     assert one.body.mass == pytest.approx(3.0, rel=0.01)
     assert one.body.centre == pytest.approx(TRUTH[1:4], abs=0.003)
     assert one.body.std[0] < 0.02
-    assert one.mount.frame == "arm_tool0"
-    assert smallest_eigenvalue(one.value) > 0
     assert one.factor < 1.5
     assert one.notes == ()
+    assert np.sum(list(one.shares.values()), axis=0) == pytest.approx(np.ones(10), abs=1e-6)
     (log,) = one.logs
     assert log.without > 10 * log.with_payload
     assert log.with_payload == pytest.approx(log.free, rel=0.2)
-
-
-def test_the_shares_of_the_sources_make_the_whole_variance() -> None:
-    total = np.sum(list(found().shares.values()), axis=0)
-    assert total == pytest.approx(np.ones(10), abs=1e-6)
-
-
-def test_two_results_are_compared_as_recordings_are() -> None:
-    one = find_payload(result(), loaded_result(), request=KNOWN)
-    assert one.body.values == pytest.approx(found().body.values, rel=1e-9)
-    assert one.body.std == pytest.approx(found().body.std, rel=1e-9)
+    two_results = find_payload(result(), loaded_result(), request=KNOWN)
+    assert two_results.body.values == pytest.approx(one.body.values, rel=1e-9)
+    assert two_results.body.std == pytest.approx(one.body.std, rel=1e-9)
 
 
 def test_a_tool_that_was_removed_is_found_the_other_way_round() -> None:
@@ -143,7 +127,7 @@ def test_a_tool_that_was_removed_is_found_the_other_way_round() -> None:
 
 
 def test_a_common_gain_error_scales_the_payload_and_is_counted() -> None:
-    one = find_payload(result(GAIN), loaded_result(gain=GAIN))
+    one = find_payload(result(GAIN), loaded_result("weighed", GAIN))
     assert one.body.mass == pytest.approx(GAIN * 3.0, rel=0.02)  # nothing tells it
     assert distance(one) < 3
     assert one.body.std[0] == pytest.approx(0.03 * 3.0, rel=0.5)
@@ -183,9 +167,8 @@ def test_gains_that_change_from_day_to_day_count_unless_a_recording_of_the_day_t
 
 
 def test_gains_are_of_the_joints_of_the_result_in_any_order() -> None:
-    gains = weighed().gains
+    gains, loaded = weighed().gains, loaded_result("weighed", GAIN)
     turned = DriveGains(gains.joints[::-1], gains.factor[::-1], gains.covariance[::-1, ::-1], 3.0)
-    loaded = loaded_result(gain=GAIN)
     one, other = (find_payload(result(GAIN), loaded, request=PayloadRequest(gains=each)) for each in (gains, turned))
     assert one.body.values == pytest.approx(other.body.values, rel=1e-9)
     strange = replace(gains, joints=("a", *gains.joints[1:]))
@@ -285,25 +268,17 @@ def test_no_payload_is_said() -> None:
     assert smallest_eigenvalue(one.value) > 0
 
 
-def test_recordings_of_another_arm_and_old_results_are_refused() -> None:
+def test_recordings_of_another_arm_and_results_of_other_terms_are_refused() -> None:
     log = recorded("other")
     other = replace(log, tau=log.tau[:, ::-1] * [1, -1, 1, -1, 1, -1])
     with pytest.raises(InputError, match=r"other: the arm of the result with any payload leaves .* of another arm"):
         find_payload(result(), {"other": other})
-    with pytest.raises(InputError, match=r"does not hold the covariance .* identify again"):
-        find_payload(damaged(result()), loaded_result())
-    renamed = replace(log, joints=("a", "b", "c", "d", "e", "f"))
     with pytest.raises(InputError, match="no joint 'j1'"):
-        find_payload(result(), {"renamed": renamed})
-
-
-def test_results_of_other_terms_are_refused() -> None:
+        find_payload(result(), {"renamed": replace(log, joints=("a", "b", "c", "d", "e", "f"))})
     model, _ = arm()
     fewer = identify(replace(model, terms=model.terms[:-1]), {"loaded": recorded("loaded", CARRIED)}, recipe=RECIPE)
     with pytest.raises(InputError, match=r"different parameters .*offset"):
         find_payload(result(), fewer)
-    with pytest.raises(ModelError, match="'hand' is no link"):
-        find_payload(result(), {"loaded": recorded("loaded")}, request=PayloadRequest(frame="hand"))
 
 
 def test_a_known_mass_far_beyond_the_arm_is_refused() -> None:

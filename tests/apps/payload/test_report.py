@@ -13,15 +13,8 @@ import pytest
 
 from dynident.apps.payload import Payload, PayloadRequest, PhysicalBody, find_payload
 from dynident.apps.payload import body as notes
-from dynident.apps.payload.config import payload_data, payload_name, payload_urdf, read_gains, read_loaded
-from dynident.apps.payload.report import (
-    gains_table,
-    payload_page,
-    payload_table,
-    payload_words,
-    shares_table,
-    torque_table,
-)
+from dynident.apps.payload.config import payload_data, payload_name, payload_urdf, read_gains
+from dynident.apps.payload.report import gains_table, payload_page, payload_table, payload_words, shares_table
 from dynident.files.results import json_text
 from dynident.identification import SourceFile, Sources
 from dynident.models import RigidBodies
@@ -42,12 +35,15 @@ def written(folder: Path, **changes: Any) -> Path:
     return path
 
 
-def test_gains_are_read_as_they_were_found(tmp_path: Path) -> None:
-    gains = read_gains(written(tmp_path))
-    assert gains.joints == weighed().gains.joints
+def test_gains_are_read_as_they_were_found_beside_the_payload_and_its_notes(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    gains, data = read_gains(path), json.loads(path.read_text())
+    assert (gains.joints, gains.known_mass) == (weighed().gains.joints, 3.0)
     np.testing.assert_array_equal(gains.factor, weighed().gains.factor)
     np.testing.assert_array_equal(gains.covariance, weighed().gains.covariance)
-    assert gains.known_mass == 3.0
+    assert (data["frame"], data["notes"]) == ("arm_tool0", ["said"])
+    mass, std = weighed().body.mass, weighed().body.std[0]
+    assert data["payload"][0] == {"name": "mass", "value": mass, "std": std, "unit": "kg"}
 
 
 @pytest.mark.parametrize(
@@ -72,18 +68,6 @@ def test_other_files_are_no_gains(tmp_path: Path, text: str) -> None:
         read_gains(tmp_path / "other.json")
 
 
-def test_the_data_hold_the_payload_and_its_notes() -> None:
-    data = payload_data(weighed(), result().provenance, ["said"])
-    assert data["frame"] == "arm_tool0"
-    assert data["payload"][0] == {
-        "name": "mass",
-        "value": weighed().body.mass,
-        "std": weighed().body.std[0],
-        "unit": "kg",
-    }
-    assert data["notes"] == ["said"]
-
-
 def test_of_no_payload_the_mass_alone_is_written_and_shown(tmp_path: Path) -> None:
     none = replace(weighed(), body=PhysicalBody(np.full(10, 0.1), np.full(10, 0.2)))
     assert [row[0] for row in payload_table(none).rows] == ["mass"]
@@ -100,42 +84,29 @@ def test_of_no_payload_the_mass_alone_is_written_and_shown(tmp_path: Path) -> No
 
 
 def test_the_urdf_holds_arm_and_payload_for_its_folder(tmp_path: Path) -> None:
-    mesh = SIX.replace(
-        '<link name="base"/>', '<link name="base"><visual><geometry><mesh filename="m.stl"/></geometry></visual></link>'
-    )
-    found = result()
-    bodies = RigidBodies(mesh, source="six.urdf")
+    shape = '<link name="base"><visual><geometry><mesh filename="m.stl"/></geometry></visual></link>'
+    bodies = RigidBodies(SIX.replace('<link name="base"/>', shape), source="six.urdf")
     sources = Sources(model=SourceFile(str(tmp_path / "robots" / "six.urdf")))
-    found = replace(found, model=replace(found.model, terms=(bodies, *found.model.terms[1:])), provenance=sources)
+    model = replace(result().model, terms=(bodies, *result().model.terms[1:]))
+    found = replace(result(), model=model, provenance=sources)
     assert payload_name(found) == "six_payload.urdf"
     text, said = payload_urdf(found, weighed(), tmp_path / "out")
     assert '"../robots/m.stl"' in text
-    masses = {one.name: one.value for one in RigidBodies(text).parameters}
+    masses = {parameter.name: parameter.value for parameter in RigidBodies(text).parameters}
     assert masses["turn.mass"] is not None
     assert masses["turn.mass"] > 3.0
     assert all("inertias of its file" in words for words in said)
 
 
-def test_a_result_stands_alone() -> None:
-    with pytest.raises(InputError, match="give one result, or recordings alone"):
-        read_loaded(result(), ["a.json", "b.csv"])
-
-
-def test_the_tables_hold_the_payload() -> None:
-    assert payload_words(weighed()).startswith("arm_tool0 carries 3.00000 ± 0.00030 kg")
-    assert [row[0] for row in payload_table(weighed()).rows][:2] == ["mass", "centre of mass, x"]
-    assert [row[0] for table in gains_table(weighed()) for row in table.rows] == ["j1", "j2", "j3", "j4", "j5", "j6"]
-    assert [row[0] for table in torque_table(weighed()) for row in table.rows] == ["loaded"]
-    assert "gains" in [row[0] for row in shares_table(weighed()).rows]
+def test_a_removed_payload_was_carried_and_has_no_gains() -> None:
     removed = replace(weighed(), request=replace(weighed().request, removed=True, known_mass=None))
     assert "carried" in payload_words(removed)
     assert list(gains_table(removed)) == []
 
 
-def test_the_page_holds_all_of_it_and_escapes_names() -> None:
+def test_the_page_escapes_names_and_tells_results_from_recordings() -> None:
     evil = replace(weighed(), mount=replace(weighed().mount, frame="</script><b>"), notes=(notes.OtherArm(2.0),))
     page = payload_page(evil, result())
     assert "</script><b>" not in page
     assert "<li>Payload, drift and gains leave 2 times what" in page
-    assert "Gains of the drives" in page
     assert payload_page(replace(weighed(), logs=()), result()).count("Two results are compared") == 1

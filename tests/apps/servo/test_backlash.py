@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -26,12 +27,12 @@ from dynident.apps.servo.plant import ServoLog
 from dynident.apps.servo.robot import load_plant
 from dynident.apps.servo.start import smooth_servo_log
 from tests.apps.servo.arms import ENTRIES, SETTINGS, plant, recording, values
-from tests.cli.commands import run
+from tests.cli.commands import succeed
 
-FINE_STEP, SIZE = 5e-4, 0.02  # s, rad
+FINE_STEP, SIZE = 1e-3, 0.02  # s, rad
 
 
-def slack_recording(seed: int, k: int, output: bool, duration: float = 5.0, stiffness: float = 0.0) -> ServoLog:
+def slack_recording(seed: int, k: int, output: bool, duration: float = 4.0, stiffness: float = 0.0) -> ServoLog:
     """The demo's arm with a gap or spring behind the motor of joint k, simulated in finer steps than the fit has."""
     t, command, _ = servo_recording(seed, duration)
     gap = f'<joint name="gap" axis="{"0 0 1" if k == 0 else "0 1 0"}" range="{-SIZE / 2} {SIZE / 2}" limited="true" '
@@ -45,7 +46,7 @@ def slack_recording(seed: int, k: int, output: bool, duration: float = 5.0, stif
     data, place = mujoco.MjData(model), model.joint("gap").qposadr[0]
     motors = [model.joint(x).qposadr[0] for x in SERVO_JOINTS]
     data.qpos[motors] = command[0]
-    every, late = LOG_EVERY * 4, round(TRUE_DELAY / FINE_STEP)
+    every, late = LOG_EVERY * 2, round(TRUE_DELAY / FINE_STEP)
     q = np.empty(command.shape)
     for i in range(len(t) * every):
         seen = data.qpos[motors]
@@ -68,39 +69,43 @@ def gaps_of(log: ServoLog) -> tuple[Backlash, ...]:
     return find_backlash(load, [motion], fit, position_noise(log.q))
 
 
-@pytest.mark.parametrize(("k", "output"), [(0, True), (1, True), (2, True), (0, False)])
+@pytest.mark.parametrize(("k", "output"), [(1, True), (0, False)])
 def test_a_gap_is_found_with_joint_size_and_side(k: int, output: bool) -> None:
     (gap,) = gaps_of(slack_recording(1, k, output))
     assert (gap.k, gap.output) == (k, output)
     assert gap.size == pytest.approx(SIZE, rel=0.2)
 
 
-@pytest.mark.parametrize("seed", range(1, 5))
-def test_right_arms_have_none(seed: int) -> None:
-    assert gaps_of(recording(seed)) == ()
-
-
-def test_a_spring_behind_a_motor_is_no_gap() -> None:
-    assert gaps_of(slack_recording(1, 1, output=False, duration=6.0, stiffness=15.0)) == ()
-
-
-def test_noise_is_no_gap() -> None:
-    log = recording(3)
+def noisy(log: ServoLog) -> ServoLog:
     noise = 2e-3 * np.random.default_rng(1).standard_normal(log.q.shape)
-    assert gaps_of(ServoLog("noisy", log.t, log.q + noise, log.t, log.command)) == ()
+    return ServoLog("noisy", log.t, log.q + noise, log.t, log.command)
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        lambda: recording(1),
+        lambda: recording(2),
+        lambda: noisy(recording(3)),
+        lambda: slack_recording(1, 1, output=False, stiffness=15.0),
+    ],
+    ids=["right", "another", "noise", "a spring behind a motor"],
+)
+def test_of_other_arms_no_gap_is_said(record: Callable[[], ServoLog]) -> None:
+    assert gaps_of(record()) == ()
 
 
 def test_backlash_is_in_verdict_warnings_and_numbers(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    _, *logs = servo_files(tmp_path, 5.0)
+    _, *logs = servo_files(tmp_path, 4.0)
     for seed, path in enumerate(logs, start=1):
         log = slack_recording(seed, 2, output=True)
         rows = np.column_stack([log.t, log.command, log.q])
         np.savetxt(path, rows, delimiter=",", header=path.read_text().splitlines()[0], comments="")
-    assert run("init", "servos.xml", "monday.csv", "tuesday.csv", "-o", "arm.yaml").exit_code == 0
-    done = run("identify", "arm.yaml", "--out", "out")
-    assert done.exit_code == 0, done.output
-    words = " ".join(done.output.split())
+    succeed("init", "servos.xml", "monday.csv", "tuesday.csv", "-o", "arm.yaml")
+    drafted = (tmp_path / "arm.yaml").read_text()
+    (tmp_path / "arm.yaml").write_text(drafted.replace("commands: estimate", "commands: held"))
+    words = " ".join(succeed("identify", "arm.yaml", "--out", "out").output.split())
     assert "joint 'elbow' has about" in words
     assert "good for simulation" not in words
     assert "Backlash of elbow is not in the model" in words

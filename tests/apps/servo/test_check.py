@@ -10,27 +10,18 @@ import numpy as np
 import polars as pl
 import pytest
 
-from dynident.apps.demo import TRUE_DELAY, servo_files
+from dynident.apps.demo import TRUE_DELAY
 from dynident.apps.servo.commands import command_findings
 from dynident.apps.servo.plant import ServoLog
 from dynident.apps.servo.run import load_servos
 from dynident.apps.servo.start import smooth_servo_log
 from dynident.project.project import parse_project
-from tests.cli.commands import run
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    made = tmp_path_factory.mktemp("servos")
-    servo_files(made, 6.0)
-    return made
+from tests.cli.commands import refuse, run, succeed
 
 
 @pytest.fixture
-def config(folder, monkeypatch) -> str:
-    monkeypatch.chdir(folder)
-    assert run("init", "servos.xml", "monday.csv", "tuesday.csv", "-o", "arm.yaml", "--force").exit_code == 0
-    return (folder / "arm.yaml").read_text()
+def config(folder) -> str:
+    return (folder / "servos.yaml").read_text()
 
 
 def messages(name: str) -> tuple[int, list[tuple[str, str, str | None]]]:
@@ -41,31 +32,13 @@ def messages(name: str) -> tuple[int, list[tuple[str, str, str | None]]]:
     return code, [(finding["severity"], finding["message"], finding["joint"]) for finding in findings]
 
 
-def test_a_right_log_has_its_rate_and_delay(config, folder) -> None:
-    code, found = messages("arm.yaml")
+def test_a_right_log_has_its_rate_and_delay(folder) -> None:
+    code, found = messages("servos.yaml")
     assert code == 0
     assert [severity for severity, *_ in found] == ["info"]
     assert float(found[0][1].split()[6]) == pytest.approx(1e3 * TRUE_DELAY, abs=4)
-    (facts, _) = json.loads((folder / "check.json").read_text())["arm.yaml"]["logs"].values()
+    (facts, _) = json.loads((folder / "check.json").read_text())["servos.yaml"]["logs"].values()
     assert (facts["samples"], facts["missing"]) == (600, 0)
-
-
-def test_what_is_wrong_with_a_log_is_said(config, folder) -> None:
-    table = pl.read_csv("monday.csv")
-    table[::5].write_csv("slow.csv")
-    table.with_columns(pos_elbow=pl.lit(0.3) + 0 * pl.col("pos_elbow")).write_csv("still.csv")
-    lone = config.partition("validation:")[0]
-    cases = {
-        "weak": (lone.replace("limit: 3.35", "limit: 0.5"), "warning", "the servo is at its limit of 0.5"),
-        "slow": (config.replace("monday.csv", "slow.csv"), "warning", "20 Hz shows little"),
-        "alone": (lone, "warning", "no recording is held out"),
-        "still": (lone.replace("monday.csv", "still.csv"), "error", "elbow"),
-    }
-    for name, (text, severity, words) in cases.items():
-        (folder / f"{name}.yaml").write_text(text)
-        code, found = messages(f"{name}.yaml")
-        assert any(kind == severity and words in text for kind, text, _ in found), (name, found)
-        assert code == (severity == "error")
 
 
 def test_periodic_motion_is_neither_turned_nor_early() -> None:
@@ -75,31 +48,38 @@ def test_periodic_motion_is_neither_turned_nor_early() -> None:
     assert not list(command_findings([smooth_servo_log(log)], ("a", "b", "c"), np.zeros(3, dtype=bool)))
 
 
-def test_commands_that_positions_do_not_follow_are_named(config, folder) -> None:
+def test_what_is_wrong_with_a_log_is_said(config, folder) -> None:
     table, degrees = pl.read_csv("monday.csv"), 180 / np.pi
     later = [pl.col(f"pos_{joint}").shift(-10).forward_fill() for joint in ("base", "shoulder", "elbow")]
-    cases = {
+    still = pl.lit(0.3) + 0 * pl.col("pos_elbow")
+    logs = {
         "swapped": (table.rename({"cmd_base": "cmd_elbow", "cmd_elbow": "cmd_base"}), "it follows that of 'elbow'"),
         "degrees": (table.with_columns(pl.col("cmd_base") * degrees), "the command spans 55.8 times"),
         "turned": (table.with_columns(-pl.col("cmd_base")), "goes against its command"),
         "constant": (table.with_columns(cmd_base=pl.lit(0.1)), "its command hardly changes"),
         "early": (table.with_columns(later), "ms before their commands"),
         "clocks": (table.with_columns(later), "are both stamped by one clock?"),
+        "slow": (table[::5], "20 Hz shows little"),
         "missing": (table.drop("cmd_base"), "simulation.joints.base.command: no column 'cmd_base'"),
+        "still": (table.with_columns(pos_elbow=still), "elbow"),
     }
-    for name, (data, words) in cases.items():
-        data.write_csv("wrong.csv")
-        (folder / "wrong.yaml").write_text(config.replace("monday.csv", "wrong.csv"))
-        _, found = messages("wrong.yaml")
-        assert any(words in text for _, text, _ in found), (name, found)
+    cases = [(name, config.replace("monday.csv", f"{name}.csv"), words) for name, (_, words) in logs.items()]
+    for name, (data, _) in logs.items():
+        data.write_csv(f"{name}.csv")
+    cases.append(("weak", config.replace("limit: 3.35", "limit: 0.5"), "the servo is at its limit of 0.5"))
+    cases.append(("alone", config.partition("validation:")[0], "no recording is held out"))
+    for name, text, words in cases:
+        (folder / "wrong.yaml").write_text(text)
+        code, found = messages("wrong.yaml")
+        severity = "error" if name in ("missing", "still") else "warning"
+        assert any(kind == severity and words in message for kind, message, _ in found), (name, found)
+        assert code == (severity == "error")
 
 
-def test_a_rollout_of_another_recording_is_that_of_the_report(config, folder) -> None:
-    assert run("identify", "arm.yaml", "--out", "out").exit_code == 0
-    done = run("predict", "out/servo.json", "tuesday.csv", "--out", "positions.csv")
-    assert done.exit_code == 0, done.output
+def test_a_rollout_of_another_recording_is_that_of_the_report(folder) -> None:
+    succeed("predict", "servos/servo.json", "tuesday.csv", "--out", "positions.csv")
     table = pl.read_csv("positions.csv")
-    result = json.loads((folder / "out" / "servo.json").read_text())
+    result = json.loads((folder / "servos" / "servo.json").read_text())
     error = (table["simulated_elbow"] - table["measured_elbow"]).to_numpy()[table["t"].to_numpy() > 0.5]
     assert np.sqrt((error**2).mean()) == pytest.approx(result["rollouts"][1]["whole"][2], rel=0.01)
 
@@ -129,5 +109,4 @@ def test_a_damaged_result_is_refused(config, folder, change, words) -> None:
         "configuration": {"path": str(folder / "arm.yaml"), "text": config}, "files": {}, "commands_held": True,
     }  # fmt: skip
     (folder / "torn.json").write_text(json.dumps({**right, **change}))
-    done = run("predict", "torn.json", "tuesday.csv")
-    assert (done.exit_code, words in " ".join(done.output.split())) == (1, True), done.output
+    refuse("predict", "torn.json", "tuesday.csv", says=words)

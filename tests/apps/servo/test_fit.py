@@ -52,16 +52,6 @@ def test_values_and_delay_are_found_within_their_errors(motion) -> None:
     assert (rollout.nominal_error > 10 * rollout.error).all()
 
 
-def test_a_wrong_kp_is_found_and_fitted(motion) -> None:
-    wrong = replace(values(), kp=np.array([1.0, 1.2, 1.0]) * KP)
-    fit = fit_values(plant(), [motion], wrong, ENTRIES)
-    suspects = suspect_entries(plant(), [motion], fit)
-    assert list(suspects) == [Entry(Quantity.KP, 1)]
-    again = fit_values(plant(), [motion], fit.values.changed(list(suspects), list(suspects.values())),
-                       (*fit.entries, *suspects))  # fmt: skip
-    assert again.values.kp[1] == pytest.approx(KP, rel=0.005)
-
-
 def test_an_unknown_kp_starts_from_gravity(motion) -> None:
     unknown = replace(values(FILE_VALUES, delay=0.0), kp=np.full(3, np.nan))
     start = start_values(plant(), [motion], unknown, free_delay=True)
@@ -88,27 +78,32 @@ def test_noise_of_counts_and_verdicts() -> None:
     assert verdict_of([]) is None
 
 
-def test_a_command_whose_zero_is_another_is_named(motion) -> None:
-    log = motion.log
+def settings_of(kp: float = KP, **changes: object) -> ServoSettings:
+    """The servos of the arm, that of the shoulder with this kp, and changes."""
+    servo = {"command": {"column": "x", "unit": "rad"}, "kp": KP, "limit": LIMIT}
+    joints = dict.fromkeys(SERVO_JOINTS, servo) | {"shoulder": servo | {"kp": kp}}
+    return ServoSettings.model_validate({"kind": "servo", "joints": joints, **changes})
+
+
+def test_a_wrong_kp_and_a_command_whose_zero_is_another_are_found_and_fitted() -> None:
+    log = recording(duration=5.0)
     shifted = smooth_servo_log(replace(log, q=log.q + np.array([0.0, 0.0, 0.02])))
-    fit = fit_values(plant(), [shifted], values(), ENTRIES)
-    suspects = suspect_entries(plant(), [shifted], fit)
-    assert next(iter(suspects)) == Entry(Quantity.COMMAND_OFFSET, 2)
-    assert suspects[Entry(Quantity.COMMAND_OFFSET, 2)] == pytest.approx(0.02, abs=2e-3)
+    wrong = replace(values(), kp=np.array([1.0, 1.2, 1.0]) * KP)
+    _, fit, suspects = choose_fit(plant(), [shifted], wrong, settings_of(1.2 * KP, commands="held"))
+    assert set(suspects) == {Entry(Quantity.KP, 1), Entry(Quantity.COMMAND_OFFSET, 2)}
+    assert fit.values.kp[1] == pytest.approx(KP, rel=0.005)
+    assert fit.values.command_offset[2] == pytest.approx(0.02, abs=2e-3)
 
 
 def test_commands_are_held_or_interpolated_as_the_log_says() -> None:
-    log = recording(duration=3.0)
+    log = recording(duration=2.0)
     (q,) = plant().rollout(values(), replace(log, held=False))
     motion = smooth_servo_log(replace(log, q=np.round(q / COUNT) * COUNT))
-    servo = {"command": {"column": "x", "unit": "rad"}, "kp": KP, "limit": LIMIT}
-    settings = ServoSettings.model_validate({"kind": "servo", "joints": dict.fromkeys(SERVO_JOINTS, servo)})
-    motions, fit, _ = choose_fit(plant(), [motion], values(FILE_VALUES, delay=0.0), settings)
+    motions, fit, _ = choose_fit(plant(), [motion], values(delay=0.0), settings_of())
     assert not motions[0].log.held
     assert abs(fit.values.delay - TRUE_DELAY) < 3e-4
     # a delay that is given is not moved, whatever the commands are
-    given = settings.model_copy(update={"delay": TRUE_DELAY})
-    motions, fit, _ = choose_fit(plant(), [motion], values(FILE_VALUES), given)
+    motions, fit, _ = choose_fit(plant(), [motion], values(), settings_of(delay=TRUE_DELAY))
     assert not motions[0].log.held
     assert fit.values.delay == TRUE_DELAY
 
@@ -130,7 +125,7 @@ def test_a_search_that_ends_away_from_the_minimum_has_not_converged(motion, monk
 
 
 def test_what_a_search_drives_to_zero_is_named() -> None:
-    motion = smooth_servo_log(recording(duration=3.0))
+    motion = smooth_servo_log(recording(duration=2.0))
     # a servo that already damps more than the arm does leaves less than none to the joint
     stiff = replace(values(), kd=np.array([0.0, 1.0, 0.0]))
     fit = fit_values(plant(), [motion], stiff, ENTRIES)

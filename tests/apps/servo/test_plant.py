@@ -38,13 +38,6 @@ def test_values_are_set_as_if_the_file_had_them() -> None:
         np.testing.assert_allclose(getattr(changed, name), getattr(compiled, name), rtol=1e-12)
 
 
-def test_windows_begin_at_the_measured_state() -> None:
-    log = recording()
-    paths = plant().rollout(values(), log, [100, 300], [140, 350], np.ones(log.q.shape))
-    assert [len(path) for path in paths] == [40, 50]
-    np.testing.assert_allclose(paths[1][0], log.q[300])
-
-
 def test_what_cannot_be_a_servo_is_named() -> None:
     spec = mujoco.MjSpec.from_string(servo_mjcf(FILE_VALUES))
     with pytest.raises(ModelError, match="cannot compile it"):

@@ -17,7 +17,7 @@ _UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower ca
     },
     "position": {
         **dict.fromkeys(("rad", "radian", "radians"), "rad"),
-        **dict.fromkeys(("deg", "degree", "degrees", "°"), "deg"),
+        **dict.fromkeys(("deg", "degree", "degrees", "grad", "°"), "deg"),
         **dict.fromkeys(("rev", "revs"), "rev"),
         **{unit: unit for unit in ("mrad", "m", "mm", "cm", "um")},
     },
@@ -25,7 +25,7 @@ _UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower ca
     "current": {"a": "A", "amp": "A", "amps": "A", "ma": "mA"},
 }
 _UNIT_ROLES = {  # units that tell the role too
-    **dict.fromkeys(("deg", "rad", "°", "degrees", "mrad"), "position"),
+    **dict.fromkeys(("deg", "rad", "°", "degrees", "grad", "mrad"), "position"),
     **dict.fromkeys(("nm", "mnm"), "torque"),
     "ma": "current",
 }
@@ -59,8 +59,9 @@ _MEASURED_WORDS = _word_set("meas measured actual act fb feedback msr real sense
 _FILTERED_WORDS = _word_set("filt filtered smooth smoothed est estimated hat lp")
 _DERIVED_WORDS = _word_set(
     "err error errors ext external fric friction grav gravity model coriolis comp diff std var temp temperature limit "
-    "max min ff feedforward residual res"
+    "max min ff feedforward residual res tcp eef wrench cartesian ft"
 )
+_AFTER_PRESENT = _word_set("pos position positions angle angles torque torques effort efforts")
 _STATE_WORDS = _word_set("observation state")  # as LeRobot names the positions
 
 
@@ -192,6 +193,9 @@ def _take_joint(words: tuple[str, ...], joints: Iterable[str]) -> tuple[str | No
 def _find_role(words: Sequence[str]) -> str:
     """Return the first role given by a word; a single letter t or i counts only if it is the whole name."""
     texts = [word for word in words if not word.isdecimal()]
+    # current_position is the present one, and actual_current_as_torque a torque; torque_current is a current
+    noun = max((k for k, word in enumerate(texts) if word in _AFTER_PRESENT), default=0)
+    texts = [word for k, word in enumerate(texts) if k >= noun or word != "current"]
     for role, role_words in _ROLES.items():
         if any(word in role_words and (word not in ("t", "i") or texts[0] == word) for word in texts):
             return role

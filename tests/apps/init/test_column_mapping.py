@@ -48,6 +48,13 @@ def test_columns_are_matched_by_name_then_number_then_order(joints, columns, sta
     assert match_family(ColumnFamily("position", 0, columns), joints, stated).columns == matched
 
 
+def test_torques_of_some_joints_are_those_of_the_positions_with_their_numbers() -> None:
+    """As where a column is missing, or holds a text in some row."""
+    found = map_columns(table(**signals(torque=("tau2",))), ARM)
+    assert {name: channel.column for name, channel in found.torque.items()} == {"elbow": "tau2"}
+    assert found.position["elbow"].column == "q2"
+
+
 def signals(position=("q1", "q2"), torque=("tau1", "tau2"), size=1.0, peak=20.0):
     return {
         **{name: wave(size, k) for k, name in enumerate(position)},

@@ -123,6 +123,13 @@ def test_each_joint_has_the_unit_of_its_own_column():
     assert found.lock == {}
 
 
+def test_a_slide_beyond_its_limits_is_drafted_in_mm() -> None:
+    scara = (*ARM, MovableJoint("quill", "prismatic", RobotJointLimits(lower=-0.1, upper=0.1)))
+    found = map_columns(table(**signals(("q1", "q2"), ("tau1", "tau2")), q3=wave(80.0), tau3=wave(20.0)), scara)
+    assert (found.position["quill"].column, found.position["quill"].unit) == ("q3", "mm")
+    assert found.position["quill"].question.endswith("is more than the joint can move in m: is it in mm?")
+
+
 def test_units_follow_from_names():
     columns = {"pos1_deg": wave(1.0), "pos2_deg": wave(1.0), "tau1 [mNm]": wave(900.0), "tau2 [mNm]": wave(900.0)}
     found = map_columns(table(time=None, t_us=T * 1e6, **columns), NUMBERED)

@@ -238,6 +238,8 @@ def _position_channel(joint: MovableJoint, q: Array, match: Match, degrees: str)
         unit, doubt = "deg", degrees
     else:
         unit, doubt = _si_unit(joint, POSITIONS), _unit_question(joint, q)
+        if joint.kind == "prismatic" and doubt and len(q) and _is_within_reach(joint, q, unit_factors["mm"]):
+            unit = "mm"  # as the question supposes
     return ChannelProposal(column, unit, _join_questions(match.question, doubt))
 
 

@@ -15,7 +15,7 @@ from dynident.identification import SourceFile, judge
 from dynident.identification.verdict_reasons import ForbiddingFindings
 from dynident.models.lagrangian import slider
 from dynident.project.project import parse_project, read_project, run, stamp
-from dynident.runtime import InputError, Remark, Severity, Use, progress_to
+from dynident.runtime import ConfigRemark, InputError, Remark, Severity, Use, progress_to
 from tests.cli.commands import configure, settings, write_log
 
 
@@ -63,7 +63,7 @@ def test_the_three_runs_warn_of_the_same_configuration(config: Path) -> None:
     project = read_project(config)
     (doubt,) = project.warnings
     assert Remark(doubt) in project.bound().identification.warnings
-    assert Remark(doubt) in [finding.message for finding in project.examine().findings]
+    assert ConfigRemark(doubt) in [finding.message for finding in project.examine().findings]
 
 
 def test_identify_repeats_what_check_finds_and_judges_by_it(tmp_path: Path) -> None:

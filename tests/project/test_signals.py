@@ -50,7 +50,7 @@ def test_episodes_in_one_file_are_named_where_the_time_runs_back(tmp_path):
     stamps = np.append(np.arange(51), np.arange(50)) * 0.01
     with pytest.raises(InputError, match=r"several recordings, by 'episode_index'\? Then write each to a file"):
         dated(tmp_path, "s", t=stamps, episode_index=[0] * 51 + [1] * 50)
-    with pytest.raises(InputError, match=r"such rows\); the clock was set back there, or another recording begins: write"):
+    with pytest.raises(InputError, match=r"such rows\); the clock was set back there, or another recording"):
         dated(tmp_path, "s", t=stamps)
 
 
@@ -91,5 +91,5 @@ def test_stamps_since_1970_are_told_apart(tmp_path):
     """,
         tmp_path,
     )
-    with pytest.raises(InputError, match=r"the time 1714550000\.02 s at line 5 runs backwards from 1714550000\.03 s .*sort"):
+    with pytest.raises(InputError, match=r"the time 1714550000\.02 s at line 5 runs backwards from .*\.03 s .*sort"):
         read_logs(config.train[0], config, SLIDER)

@@ -21,7 +21,15 @@ _UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower ca
         **dict.fromkeys(("rev", "revs"), "rev"),
         **{unit: unit for unit in ("mrad", "m", "mm", "cm", "um")},
     },
-    "torque": {"nm": "N m", "mnm": "mN m", "knm": "kN m", "ncm": "N cm", "n": "N", "kn": "kN"},
+    "torque": {
+        "nm": "N m",
+        "mnm": "mN m",
+        "knm": "kN m",
+        "ncm": "N cm",
+        "n": "N",
+        "kn": "kN",
+        **{unit.replace(" ", ""): unit for unit in ("kgf m", "kgf cm", "lbf ft", "lbf in", "kgf", "lbf")},
+    },
     "current": {"a": "A", "amp": "A", "amps": "A", "ma": "mA"},
 }
 _UNIT_ROLES = {  # units that tell the role too
@@ -32,6 +40,7 @@ _UNIT_ROLES = {  # units that tell the role too
 _UNIT = re.compile(
     r"[\[(]\s*(?P<bracket>[^\W\d][^\])\d]*|°)\s*[\])]|(?<=[\W_])(?P<tail>[^\W\d_]+|°)(?=[\W_]*\d*[\W_]*$)"
 )
+_STATED = re.compile(r"\[\s*([^\]\d]+?)\s*\]|(%|percent)", re.IGNORECASE)
 _WORD_BREAK = re.compile(r"[\W_]+|(?<=[a-z])(?=[A-Z][a-z])|(?<=[^\W\d])(?=\d)|(?<=\d)(?=[^\W\d])")
 
 
@@ -209,6 +218,13 @@ def _unit_in_name(column: str) -> tuple[str, tuple[str, ...]]:
         return "", ()
     text = matches[-1]["bracket"] or matches[-1]["tail"]
     return re.sub(r"[\s*·.]", "", text).lower(), tokens(text)
+
+
+def stated_unit(column: str, joints: Iterable[str]) -> str:
+    """Return what a name has in square brackets but a joint, be it a known unit or not, or its per cent; else empty."""
+    words = {word for joint in joints for word in tokens(joint)}
+    texts = [first or second for first, second in _STATED.findall(column)]
+    return next((text for text in reversed(texts) if not set(tokens(text)) & words), "")
 
 
 def _remove_words(words: tuple[str, ...], removed: tuple[str, ...]) -> tuple[str, ...]:

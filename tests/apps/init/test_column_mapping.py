@@ -130,6 +130,23 @@ def test_a_slide_beyond_its_limits_is_drafted_in_mm() -> None:
     assert found.position["quill"].question.endswith("is more than the joint can move in m: is it in mm?")
 
 
+@pytest.mark.parametrize(
+    ("form", "unit", "question"),
+    [
+        ("Torque {} [%]", "N m", "its name says '%'"),
+        ("torque{}_percent", "N m", "its name says 'percent'"),
+        ("torque{} [V]", "N m", "its name says 'V'"),
+        ("torque{} [kgf cm]", "kgf cm", ""),
+        ("tau[{}]", "N m", ""),
+    ],
+)
+def test_a_unit_that_is_not_known_is_asked_about(form: str, unit: str, question: str) -> None:
+    found = map_columns(table(**signals(torque=[form.format(name) for name in ("1", "2")])), NUMBERED)
+    assert {channel.unit for channel in found.torque.values()} == {unit}
+    assert all(question in channel.question for channel in found.torque.values())
+    assert all(bool(question) == bool(channel.question) for channel in found.torque.values())
+
+
 def test_units_follow_from_names():
     columns = {"pos1_deg": wave(1.0), "pos2_deg": wave(1.0), "tau1 [mNm]": wave(900.0), "tau2 [mNm]": wave(900.0)}
     found = map_columns(table(time=None, t_us=T * 1e6, **columns), NUMBERED)

@@ -46,3 +46,12 @@ def test_late_torques_are_not_named_as_low_passed(late: float) -> None:
     tau = np.column_stack([np.interp(MOVED.t - late, MOVED.t, x) for x in MOVED.tau.T])
     for offset in (late, 0.9 * late, 1.1 * late):
         assert list(low_pass_findings(arm(), [replace(MOVED, tau=tau).shift(-offset)])) == []
+
+
+@pytest.mark.parametrize("width", [0.1, 0.3])
+@pytest.mark.parametrize("excess", [1.0, 1.3])
+def test_smooth_friction_of_late_torques_is_not_named_as_low_passed(width: float, excess: float) -> None:
+    """The model has a step at the reversal, as it is before terms are chosen."""
+    smooth = MOVED.tau + 2.0 * (np.tanh(MOVED.dq / width) - np.sign(MOVED.dq))
+    tau = np.column_stack([np.interp(MOVED.t - 0.02, MOVED.t, x) for x in smooth.T])
+    assert list(low_pass_findings(arm(), [replace(MOVED, tau=tau).shift(-0.02 * excess)])) == []

@@ -101,6 +101,7 @@ NOTES = [
     log_notes.NoFriction(0.4),
     channel_notes.PerhapsMillimetres(120.0, 300.0),
     log_notes.PerhapsRadians(2.0, 60.0, 5.0),
+    log_notes.PerhapsRadians(0.04, 60.0, 5.0, others_move=True),
     log_notes.PositionJump(2, 0.5, 7, 1.25),
     log_notes.PositionSpikes(2, (7, 9), (1.0, 1.5), 0.3, True),
     log_notes.RepeatedMotion("run1", 0.5, 0.2),

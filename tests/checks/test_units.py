@@ -11,6 +11,7 @@ from dynident.checks import channel_notes, check_log
 from dynident.checks.stamps import length_unit_findings, radian_findings, thin_regression
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Spline
+from tests.checks.moving_arm import arm, motion, truth
 from tests.checks.pendulum import PENDULUM, swing
 
 T = np.arange(3000) * 0.002
@@ -55,3 +56,16 @@ def test_radians_declared_as_degrees_are_said(seed: int) -> None:
         for moved in (small, right, Spline(sigma=1e-5)(narrow))
     ]
     assert said == [1, 0, 0]
+
+
+def test_radians_of_one_joint_declared_as_degrees_are_said() -> None:
+    right = motion()
+    factor = np.array([1.0, np.pi / 180, 1.0])
+    wrong = replace(right, q=right.q * factor, dq=right.dq * factor, ddq=right.ddq * factor)
+    (found,) = radian_findings(thin_regression(arm(), [wrong]))
+    assert (found.joint, found.message.others_move) == ("j2", True)
+    assert str(found.message).startswith("this joint moves no more than")
+    little = replace(
+        right, tau=arm().torque(wrong.q, wrong.dq, wrong.ddq, truth(arm())), q=wrong.q, dq=wrong.dq, ddq=wrong.ddq
+    )
+    assert list(radian_findings(thin_regression(arm(), [little]))) == []

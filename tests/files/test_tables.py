@@ -108,6 +108,16 @@ DAMAGED = {
     "cut off": ("a.csv", b"t,q,tau\n0,1,2\n1,2", ("line 3 has 2 fields where 3 are expected", "cut off: delete")),
     "short row": ("a.csv", b"t,q\n0,1\n1\n2,3\n", ("line 3 has 1 field where 2", "Complete or delete")),
     "decimal comma": ("a.csv", b"t,q\n0,5,1,5\n", ("line 2 has 4 fields where 2", "separate the columns with ';'")),
+    "list in a cell": (
+        "a.csv",
+        b't,q\n0,"[1, 2]"\n1,"[2, 3]"\n',
+        ("line 2 has 3 fields where 2", "A cell holds a list"),
+    ),
+    "title": (
+        "a.csv",
+        b"Log of Monday\nt,q\n0,1\n1,2\n",
+        ("line 2 has 2 fields where 1", "begin the lines above them with #"),
+    ),
     "both decimal marks": ("a.csv", b"t;q\n1,234;1.5\n", ("decimal comma and others a decimal point",)),
     "binary": ("a.csv", b"t,q\n\0\1", ("not a text but a binary file",)),
     "one name twice": ("a.csv", b"t,q,t\n0,1,2\n", ("columns 1 and 3 are both named 't'",)),

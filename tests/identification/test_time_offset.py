@@ -14,7 +14,8 @@ from dynident.identification.calibration import prepare, prepare_in_rounds
 from dynident.identification.dataset import Dataset
 from dynident.identification.mounting import tilt_base
 from dynident.identification.time_offset import NEAREST_TRIALS, TRIAL_OFFSETS, _minimise_error
-from dynident.models import Model
+from dynident.models import Model, RigidBodies, RotorInertia
+from dynident.models.friction import Dahl, Offset, Viscous
 from dynident.models.lagrangian import slider, two_link_arm
 from dynident.models.simulation import record
 from dynident.motion.log import Log, Motion
@@ -22,6 +23,15 @@ from dynident.motion.smoothers import Spline, TimeShifted
 from dynident.regression import Selection
 from tests.identification.motions import sines
 from tests.identification.terms.simulated import bodies, states
+from tests.robots import joint, link, urdf
+
+UPPER_ARM = RigidBodies(
+    urdf(
+        link("base"),
+        link("upper", 3.0, (0.2, 0, 0.02), tensor=np.diag([0.01, 0.05, 0.05])),
+        joint("j", "revolute", "base", "upper", (0, 0, 0.3), axis=(0, 1, 0)),
+    )
+)
 
 
 def sliding(late: float, noise: float, n: int = 4000, seed: int = 0) -> Motion:
@@ -298,3 +308,27 @@ def test_an_offset_is_sought_again_on_a_base_that_proves_tilted() -> None:
     found = prepare_in_rounds(level, data, recipe)
     assert abs(found.alignment.time_offset.seconds - 0.005) < 2 * found.alignment.time_offset.std < 0.0005
     assert found.angles[1] == pytest.approx(0.03, abs=2e-3)
+
+
+def presliding(seed: int, late: float = 0.004) -> Log:
+    """An arm with friction that builds up over 0.05 rad, and with torques that are ``late`` (s)."""
+    t, rng = np.arange(0, 12, 0.01), np.random.default_rng(seed)
+    rates, phases, sizes = (rng.uniform(*limits, (4, 1)) for limits in ((0.8, 5.0), (0, 6), (0.15, 0.4)))
+    angle = rates * t[:, None, None] + phases
+    q, dq, ddq = (np.sum(sizes * rates**k * np.sin(angle + k * np.pi / 2), axis=1) for k in range(3))
+    on = UPPER_ARM.joints
+    model = Model((UPPER_ARM, RotorInertia(on), Viscous(on), Dahl(on, length=0.05), Offset(on)))
+    values = {"Ia_j": 0.3, "Fv_j": 1.0, "Fd_j": 5.0, "offset_j": 0.4}
+    theta = np.array([values[x.name] if x.value is None else x.value for x in model.parameters])
+    motion = model.remembering(Motion(t, q, dq, ddq, np.zeros_like(q), ("j",), np.ones(len(t), bool)))
+    tau = np.interp(t - late, t, model.torque(**motion.states(), theta=theta)[:, 0])[:, None]
+    tau = tau + 0.01 * tau.std() * rng.standard_normal(tau.shape)
+    return Log(t, q + 1e-5 * rng.standard_normal(q.shape), tau, ("j",), f"log {seed}")
+
+
+def test_friction_that_builds_up_takes_its_share_of_the_offset_back() -> None:
+    """With a sign of the velocity alone it looks like 36 ms."""
+    recipe = Recipe(Spline(sigma=1e-5), time_offset="estimate", terms="auto")
+    found = identify(Model((UPPER_ARM,)), {"a": presliding(4)}, {"b": presliding(5)}, recipe)
+    assert found.calibration.time_offset.seconds == pytest.approx(-0.004, abs=0.008)
+    assert found.validations[1].errors.relative_error < 1.5

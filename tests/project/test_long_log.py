@@ -131,7 +131,7 @@ def test_dates_count_from_the_first_of_the_recording(tmp_path: Path) -> None:
     ("change", "words"),
     [
         ((slice(600, None), -4.0), r"2\.parquet: begins at 2 s, before the end of what precedes it \(5.99 s\)"),
-        ((slice(640, None), -0.5), r"2\.parquet: column 't': the time runs backwards at row 41 \(1 such rows\)"),
+        ((slice(640, None), -0.5), r"2\.parquet: column 't': the time runs backwards at row 41 .*; the clock was"),
         ((slice(650, 651), np.nan), r"2\.parquet: column 't' has no valid time at row 51"),
     ],
     ids=["order", "back", "nan"],

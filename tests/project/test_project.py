@@ -16,7 +16,7 @@ from dynident.identification.verdict_reasons import ForbiddingFindings
 from dynident.models.lagrangian import slider
 from dynident.project.config import fingerprint, parse_config
 from dynident.project.project import log_files, parse_project, read_project, run, stamp
-from dynident.runtime import InputError, ModelError, Remark, Severity, Use, progress_to
+from dynident.runtime import ConfigRemark, InputError, ModelError, Remark, Severity, Use, progress_to
 from tests.cli.commands import configure, settings, write_log
 
 
@@ -56,7 +56,7 @@ def test_the_three_runs_warn_of_the_same_configuration(config: Path) -> None:
     project = read_project(config)
     (doubt,) = project.warnings
     assert Remark(doubt) in project.bound().identification.warnings
-    assert Remark(doubt) in [finding.message for finding in project.examine().findings]
+    assert ConfigRemark(doubt) in [finding.message for finding in project.examine().findings]
 
 
 def test_identify_repeats_what_check_finds_and_judges_by_it(tmp_path: Path) -> None:

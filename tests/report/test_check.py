@@ -12,7 +12,7 @@ from dynident.identification import TimeOffset
 from dynident.models.robot_files import RobotJointLimits
 from dynident.regression import UnexcitedParameters
 from dynident.report.check import check_dict, check_summary, check_tables
-from dynident.runtime import Finding, Remark, Severity
+from dynident.runtime import ConfigRemark, Finding, Remark, Severity
 
 
 def rows(*findings: Finding) -> dict[str, list[tuple[str, ...]]]:
@@ -23,6 +23,12 @@ def test_like_findings_are_one_row() -> None:
     made = [Finding(Remark("coarse."), joint, source=log) for log in ("one", "two") for joint in ("a", "b")]
     assert rows(*made) == {"Warnings": [("one: a", "coarse. Likewise b. Also in two.")]}
     assert check_summary(CheckResult(tuple(made))) == "1 warning."
+
+
+def test_a_mistake_in_the_configuration_comes_before_what_may_follow_from_it() -> None:
+    made = [Finding(log_notes.PerhapsRadians(0.1, 60.0, 5.0)), Finding(ConfigRemark("twice."), source="robot.yaml")]
+    assert rows(*made[::-1])["Warnings"][0] == ("robot.yaml", "twice.")
+    assert rows(Finding(Remark("coarse.")), made[1])["Warnings"][0] == ("robot.yaml", "twice.")
 
 
 def test_what_the_figures_of_channels_leave_out_is_said() -> None:

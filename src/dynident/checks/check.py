@@ -12,7 +12,7 @@ from dynident.checks.alternatives import MAX_JOINTS_ALL_PAIRS
 from dynident.checks.channels import ChannelFacts, channel_facts, check_log_fully, torque_findings
 from dynident.checks.explain import robot_findings
 from dynident.checks.file_notes import ColumnReversed, JointsSwapped
-from dynident.checks.log_notes import FrozenTorque
+from dynident.checks.log_notes import FrozenTorque, PerhapsRadians
 from dynident.checks.missing import is_tried_effect
 from dynident.checks.motion import (
     Excitation,
@@ -280,9 +280,9 @@ class _CheckRun:
         }
 
     def find_robot_faults(self, motions: tuple[Motion, ...], held_out: Mapping[str, Motion]) -> None:
-        """Add the findings on the robot and its model, which cannot be found where gravity is wrong."""
+        """Add the findings on the robot and its model, which cannot be found where gravity or a unit is wrong."""
         model, plain, recipe, findings = self.model, self.plain, self.recipe, self.findings
-        if any(isinstance(finding.message, file_notes.OtherGravity) for finding in findings):
+        if any(isinstance(finding.message, file_notes.OtherGravity | PerhapsRadians) for finding in findings):
             return
         if _factor_size(model) > MAX_SEARCH_NUMBERS:
             findings.append(_skipped_search_finding(SearchKind.CAUSES, model))

@@ -240,17 +240,22 @@ class RepeatedMotion(Note):
 
 
 class PerhapsRadians(Note):
-    """All positions multiplied by 180/pi explain the torque with an error of ``after`` % instead of ``before`` %."""
+    """All positions multiplied by 180/pi explain the torque with an error of ``after`` % instead of ``before`` %.
+
+    Where ``others_move`` more than ``span`` (rad), they are those of one joint.
+    """
 
     topic = "radians"
     forbids = Use.CONTROL
     span: float
     before: float
     after: float
+    others_move: bool = False
 
     def __str__(self) -> str:
+        subject = "this joint moves no" if self.others_move else "no joint moves"
         return (
-            f"no joint moves more than {short(self.span, 2)} rad; as degrees that should have been radians, the "
+            f"{subject} more than {short(self.span, 2)} rad; as degrees that should have been radians, the "
             f"positions leave {percent(self.after)} of the torque unexplained instead of {percent(self.before)}. Are "
             "they in rad? Set `unit: rad`."
         )

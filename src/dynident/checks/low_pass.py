@@ -1,7 +1,8 @@
 """Torques that drives have low-passed: a time offset that is really the lag of a filter.
 
 A filter of first order delays what is slow by its time constant, and a jump by less. On the same rows the regressor is
-taken as the time offset says, and as the filter makes it, which is a mean over its past.
+taken as the time offset says, and as the filter makes it, which is a mean over its past. A mean over the future, as the
+filter would make it backwards, smooths as much: where friction is smooth around reversals, it explains as much.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ MIN_STEPS = 1.0  # of the sampling: what is faster lies between two samples
 LAG_RATIOS = (1.0, 1.2, 1.44)  # time constants over the offset, which is log(2) of one where friction jumps
 QUANTILES = -np.log(1.0 - (np.arange(16) + 0.5) / 16)  # times of equal weight in the response, in time constants
 MIN_SHARE, MIN_WARNING_SHARE = 0.1, 0.4  # share of the squared residual that the filter must explain
+MAX_BACKWARD_RATIO = 0.7  # squared residual over that of the filter backwards
 MAX_NUMBERS, MAX_SAMPLES = 4_000_000, 1000  # of the regressor, and of all motions, up to twice as many
 FOLDS, MIN_BETTER_FOLDS = 5, 4  # consecutive parts of the data, and how many the filter must explain better
 
@@ -46,16 +48,20 @@ def low_pass_findings(
     def regressor(shift: float) -> Array:
         return model.regressor(**stack_states([motion.shift(shift, rows) for motion, rows in pairs]))
 
-    def filtered(lag: float) -> Array:
-        return np.asarray(sum(regressor(offset - lag * x) for x in QUANTILES) / len(QUANTILES))
+    def filter_residual(lag: float, direction: int = 1) -> Array:
+        Y = np.asarray(sum(regressor(direction * (offset - lag * x)) for x in QUANTILES) / len(QUANTILES))
+        return _squared_residual(Y, tau, keep)
 
     late = _squared_residual(regressor(0.0), tau, keep)
     weight = 1.0 / np.maximum(late.sum(axis=0), 1e-300)
-    trials = [(ratio * offset, _squared_residual(filtered(ratio * offset), tau, keep)) for ratio in LAG_RATIOS]
+    lags = [ratio * offset for ratio in LAG_RATIOS]
+    trials = [(lag, filter_residual(lag)) for lag in lags]
     lag, left = min(trials, key=lambda trial: float((trial[1] * weight).sum()))
     shares = 1.0 - (left * weight).sum(axis=0)
     folds = [float((part * weight).sum()) for part in np.array_split(late - left, FOLDS)]
-    if shares.mean() > MIN_SHARE and np.count_nonzero(np.array(folds) > 0) >= MIN_BETTER_FOLDS:
+    backward = min(float((filter_residual(lag, -1) * weight).sum()) for lag in lags)
+    is_causal = (left * weight).sum() < MAX_BACKWARD_RATIO * backward
+    if is_causal and shares.mean() > MIN_SHARE and np.count_nonzero(np.array(folds) > 0) >= MIN_BETTER_FOLDS:
         removed = tuple((x.name, float(y)) for x, y in zip(model.joints, shares, strict=True) if y > 0)
         note = LowPassed(1.0 / (2 * np.pi * lag), offset, float(shares.mean()), removed)
         yield Finding(note, severity=Severity.WARNING if shares.max() > MIN_WARNING_SHARE else Severity.INFO)

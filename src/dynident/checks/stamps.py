@@ -207,6 +207,7 @@ USUAL_SPEEDS = (0.01, 40.0)  # rad/s, m/s, of motions that show dynamics
 MAX_SPAN, MAX_SPEED = 20.0, 20.0  # m, m/s: beyond, a length is in millimetres
 MAX_RADIAN_SPAN = 0.3  # rad: where all joints move less, their angles may be radians declared as degrees
 MAX_DEGREE_ERROR_RATIO = 0.95  # of the error: a smaller one tells the unit
+MAX_JOINT_DEGREE_ERROR_RATIO = 0.5  # the same of one joint, which may well move less than others
 FIT_SAMPLES = 3000  # of all motions, for a fit that only compares
 
 
@@ -237,17 +238,24 @@ def length_unit_findings(joint: str, t: Array, q: Array) -> Iterator[Finding]:
 
 
 def radian_findings(regression: Regression) -> Iterator[Finding]:
-    """Yield where all angles are small and explain the torque far better when taken as radians declared as degrees."""
+    """Yield where small angles explain the torque far better when taken as radians declared as degrees.
+
+    They are those of all joints or, where others move more, those of a joint.
+    """
     angles = np.array([joint.kind == "revolute" for joint in regression.model.joints])
     spans: Array = np.max([np.ptp(motion.q, axis=0) for motion in regression.motions], axis=0)
-    if not angles.any() or spans[angles].max() > MAX_RADIAN_SPAN:
+    is_small = angles & (spans <= MAX_RADIAN_SPAN)
+    if not is_small.any():
         return
-    factor = np.where(angles, 180 / np.pi, 1.0)
-    # undo the conversion of degrees to rad in position and derivatives
-    large = tuple(replace(x, q=x.q * factor, dq=x.dq * factor, ddq=x.ddq * factor) for x in regression.motions)
-    before, after = rms_error(regression), rms_error(replace(regression, motions=large))
-    if after < MAX_DEGREE_ERROR_RATIO * before:
-        yield Finding(log_notes.PerhapsRadians(float(spans[angles].max()), before, after))
+    before, others_move = rms_error(regression), bool((is_small != angles).any())
+    for joints in np.diag(is_small)[is_small] if others_move else [angles]:
+        factor = np.where(joints, 180 / np.pi, 1.0)
+        # undo the conversion of degrees to rad in position and derivatives
+        large = tuple(replace(x, q=x.q * factor, dq=x.dq * factor, ddq=x.ddq * factor) for x in regression.motions)
+        after = rms_error(replace(regression, motions=large))
+        if after < (MAX_JOINT_DEGREE_ERROR_RATIO if others_move else MAX_DEGREE_ERROR_RATIO) * before:
+            note = log_notes.PerhapsRadians(float(spans[joints].max()), before, after, others_move)
+            yield Finding(note, regression.model.joints[int(np.argmax(joints))].name if others_move else None)
 
 
 def thin_regression(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None = None) -> Regression:

@@ -247,7 +247,11 @@ def _check_rows(rows: list[str], numbers: list[int], width: int, separator: str 
         if count == width:
             continue
         hint = "The last line is cut off: delete it." if k == len(rows) - 1 else "Complete or delete the line."
-        if separator == "," and count > width:
+        if "[" in row:
+            hint = "A cell holds a list: write each of its numbers to a column of its own."
+        elif k == 0 and width == 1:
+            hint = "If the names of the columns stand further down, begin the lines above them with #."
+        elif separator == "," and count > width:
             hint = "If commas are decimal marks, separate the columns with ';'."
         fields = "1 field" if count == 1 else f"{count} fields"
         raise InputError(f"{source}: line {numbers[k]} has {fields} where {width} are expected. {hint}")

@@ -119,13 +119,17 @@ class Preparation:
     tilt: BaseTilt | None = None
     angles: tuple[float, float] | None = None
 
+    @property
+    def time_offset(self) -> float:
+        """The time offset (s), the same in all motions."""
+        return self.motions.train[0].time_offset
+
     def is_near(self, other: Preparation) -> bool:
         """Return whether another one smooths alike, with nearly the same time offset and tilt."""
-        ends = [(x.motions.train[0].time_offset, x.angles or (0.0, 0.0)) for x in (self, other)]
-        (offset, tilt), (other_offset, other_tilt) = ends
+        tilt, other_tilt = (x.angles or (0.0, 0.0) for x in (self, other))
         has_same_smoother = strip_time_offset(self.alignment.smoother) == strip_time_offset(other.alignment.smoother)
         has_same_tilt = np.abs(np.subtract(tilt, other_tilt)).max() < MAX_SAME_TILT
-        return has_same_smoother and bool(has_same_tilt) and abs(offset - other_offset) < MAX_SAME_OFFSET
+        return has_same_smoother and bool(has_same_tilt) and abs(self.time_offset - other.time_offset) < MAX_SAME_OFFSET
 
     def is_better(self, other: Preparation) -> bool:
         """Return whether its motions predict left-out stretches better than another's, beyond chance."""
@@ -247,7 +251,8 @@ def add_chosen_terms(model: Model, recipe: Recipe, preparation: Preparation) -> 
 
 
 MIN_GAIN = 1.0  # % of the squared cross-validated error that another alignment must remove
-MAX_ROUNDS = 1  # of terms and alignment in turn, after the first
+MAX_ROUNDS = 4  # of terms and alignment in turn, after the first
+MIN_FURTHER_MOVE = 3e-3  # s: by which the offset must have moved for another round
 MAX_SAME_OFFSET, MAX_SAME_TILT = 2e-4, 5e-3  # s, rad: a smaller change of the alignment does not change the terms
 
 
@@ -282,7 +287,11 @@ def choose_in_rounds(
         other_terms = add_chosen_terms(model, recipe, aligned)
         if not other_terms.choice.error < terms.choice.error:
             break
+        move = abs(aligned.time_offset - preparation.time_offset)
         preparation, terms = aligned, other_terms
+        # Friction that builds up looks like an offset, and takes its value back from it by half in each round.
+        if move < MIN_FURTHER_MOVE:
+            break
     return terms, preparation.with_terms(terms.model, terms.recipe)
 
 

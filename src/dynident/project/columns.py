@@ -17,21 +17,30 @@ _UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower ca
     },
     "position": {
         **dict.fromkeys(("rad", "radian", "radians"), "rad"),
-        **dict.fromkeys(("deg", "degree", "degrees", "°"), "deg"),
+        **dict.fromkeys(("deg", "degree", "degrees", "grad", "°"), "deg"),
         **dict.fromkeys(("rev", "revs"), "rev"),
         **{unit: unit for unit in ("mrad", "m", "mm", "cm", "um")},
     },
-    "torque": {"nm": "N m", "mnm": "mN m", "knm": "kN m", "ncm": "N cm", "n": "N", "kn": "kN"},
+    "torque": {
+        "nm": "N m",
+        "mnm": "mN m",
+        "knm": "kN m",
+        "ncm": "N cm",
+        "n": "N",
+        "kn": "kN",
+        **{unit.replace(" ", ""): unit for unit in ("kgf m", "kgf cm", "lbf ft", "lbf in", "kgf", "lbf")},
+    },
     "current": {"a": "A", "amp": "A", "amps": "A", "ma": "mA"},
 }
 _UNIT_ROLES = {  # units that tell the role too
-    **dict.fromkeys(("deg", "rad", "°", "degrees", "mrad"), "position"),
+    **dict.fromkeys(("deg", "rad", "°", "degrees", "grad", "mrad"), "position"),
     **dict.fromkeys(("nm", "mnm"), "torque"),
     "ma": "current",
 }
 _UNIT = re.compile(
     r"[\[(]\s*(?P<bracket>[^\W\d][^\])\d]*|°)\s*[\])]|(?<=[\W_])(?P<tail>[^\W\d_]+|°)(?=[\W_]*\d*[\W_]*$)"
 )
+_STATED = re.compile(r"\[\s*([^\]\d]+?)\s*\]|(%|percent)", re.IGNORECASE)
 _WORD_BREAK = re.compile(r"[\W_]+|(?<=[a-z])(?=[A-Z][a-z])|(?<=[^\W\d])(?=\d)|(?<=\d)(?=[^\W\d])")
 
 
@@ -59,8 +68,9 @@ _MEASURED_WORDS = _word_set("meas measured actual act fb feedback msr real sense
 _FILTERED_WORDS = _word_set("filt filtered smooth smoothed est estimated hat lp")
 _DERIVED_WORDS = _word_set(
     "err error errors ext external fric friction grav gravity model coriolis comp diff std var temp temperature limit "
-    "max min ff feedforward residual res"
+    "max min ff feedforward residual res tcp eef wrench cartesian ft"
 )
+_AFTER_PRESENT = _word_set("pos position positions angle angles torque torques effort efforts")
 _STATE_WORDS = _word_set("observation state")  # as LeRobot names the positions
 
 
@@ -192,6 +202,9 @@ def _take_joint(words: tuple[str, ...], joints: Iterable[str]) -> tuple[str | No
 def _find_role(words: Sequence[str]) -> str:
     """Return the first role given by a word; a single letter t or i counts only if it is the whole name."""
     texts = [word for word in words if not word.isdecimal()]
+    # current_position is the present one, and actual_current_as_torque a torque; torque_current is a current
+    noun = max((k for k, word in enumerate(texts) if word in _AFTER_PRESENT), default=0)
+    texts = [word for k, word in enumerate(texts) if k >= noun or word != "current"]
     for role, role_words in _ROLES.items():
         if any(word in role_words and (word not in ("t", "i") or texts[0] == word) for word in texts):
             return role
@@ -205,6 +218,13 @@ def _unit_in_name(column: str) -> tuple[str, tuple[str, ...]]:
         return "", ()
     text = matches[-1]["bracket"] or matches[-1]["tail"]
     return re.sub(r"[\s*·.]", "", text).lower(), tokens(text)
+
+
+def stated_unit(column: str, joints: Iterable[str]) -> str:
+    """Return what a name has in square brackets but a joint, be it a known unit or not, or its per cent; else empty."""
+    words = {word for joint in joints for word in tokens(joint)}
+    texts = [first or second for first, second in _STATED.findall(column)]
+    return next((text for text in reversed(texts) if not set(tokens(text)) & words), "")
 
 
 def _remove_words(words: tuple[str, ...], removed: tuple[str, ...]) -> tuple[str, ...]:

@@ -27,7 +27,7 @@ from dynident.motion.log import Log
 from dynident.project.fields import Interval, interval_ends, unit_factor
 from dynident.project.logs import log_of, without_excluded
 from dynident.project.settings import Config, LogSpec, check_joints
-from dynident.project.signals import check_times, column_names
+from dynident.project.signals import check_times, column_names, order_hint
 from dynident.runtime import ConfigError, InputError, Noun, Step, memory_budget, report_progress
 from dynident.runtime.arrays import Array
 from dynident.runtime.families import SMOOTHERS, TERMS
@@ -141,7 +141,7 @@ class LongLog(Noun):
         if len(back):
             raise InputError(
                 f"{table.source}: column {name!r}: the time runs backwards at {table.place(back[0] + 1)} "
-                f"({len(back)} such rows); sort the rows by time."
+                f"({len(back)} such rows); {order_hint(t)}."
             )
 
     def plan_stretches(self, windows: Sequence[Interval]) -> LongLog:

@@ -45,7 +45,7 @@ from dynident.project.long_recordings import is_long, long_logs, pieces_name, re
 from dynident.project.parts import build_part
 from dynident.project.settings import Config, RobotSettings
 from dynident.regression import ParallelFilter
-from dynident.runtime import ConfigError, Finding, Noun, Remark, report_progress
+from dynident.runtime import ConfigError, ConfigRemark, Finding, Noun, Remark, report_progress
 from dynident.runtime.jobs import Limits
 
 
@@ -173,7 +173,7 @@ class Project(Noun):
     def examine(self) -> CheckResult:
         """Examine the robot file and all recordings; one that cannot be read is an error among the findings."""
         logs, reading_findings = read_with_findings(self.config, self.model.joints)
-        config_findings = tuple(Finding(Remark(text), source=self.path.name) for text in self.warnings)
+        config_findings = tuple(Finding(ConfigRemark(text), source=self.path.name) for text in self.warnings)
         turning = turning_joints(self.config)
         return run_checks(
             self.model, logs, self.recipe, multi_turn=turning, initial_findings=(*config_findings, *reading_findings)

@@ -29,6 +29,7 @@ from dynident.runtime.arrays import Array
 MIN_STEP_SHARE = 1e-4  # share of the usual step
 _EPISODE_COLUMNS = ("episode", "episode_index", "episode_id")
 _MAX_VALUE = 1e100  # a larger value is damaged, and its square may overflow
+_MAX_DISORDER = 12  # usual steps by which rows that were exchanged run backwards
 SETTINGS_PATH = "simulation.joints"
 
 
@@ -246,10 +247,17 @@ def _time_stamps(table: DataTable, config: Config, rows: int) -> Array:
         fault = "repeats" if t[k + 1] == t[k] else f"runs backwards from {t[k]:.15g} s"
         raise InputError(
             f"{table.source}: column {name!r}: the time {t[k + 1]:.15g} s at {table.place(k + 1)} {fault} "
-            f"({len(back)} such rows); {_episode_hint(table)}sort the rows by time and keep the first of equal stamps "
-            "(`close_stamps: drop`)."
+            f"({len(back)} such rows); {_episode_hint(table)}{order_hint(t)}."
         )
     return t
+
+
+def order_hint(t: Array) -> str:
+    """Return what to do where the stamps (N) run backwards: by a few steps rows were exchanged, by more the clock."""
+    steps = np.diff(t)
+    if steps.min() >= -_MAX_DISORDER * np.median(np.abs(steps)):
+        return "sort the rows by time and keep the first of equal stamps (`close_stamps: drop`)"
+    return "the clock was set back there, or another recording begins: write the rows before and after to two logs"
 
 
 def _episode_hint(table: DataTable) -> str:

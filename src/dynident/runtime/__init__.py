@@ -28,6 +28,7 @@ from dynident.runtime.errors import (
 )
 from dynident.runtime.families import check_settings
 from dynident.runtime.notes import (
+    ConfigRemark,
     Finding,
     Messages,
     Note,

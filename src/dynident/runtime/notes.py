@@ -101,6 +101,12 @@ class Remark(Note):
         return self.text
 
 
+class ConfigRemark(Remark):
+    """A probable mistake in a configuration, from which other findings may follow."""
+
+    forbids = Use.CONTROL
+
+
 @dataclass(frozen=True)
 class Finding:
     """One finding: the ``message``, what was found, and the ``joint`` it concerns (None: all of them).

@@ -48,6 +48,13 @@ def test_columns_are_matched_by_name_then_number_then_order(joints, columns, sta
     assert match_family(ColumnFamily("position", 0, columns), joints, stated).columns == matched
 
 
+def test_torques_of_some_joints_are_those_of_the_positions_with_their_numbers() -> None:
+    """As where a column is missing, or holds a text in some row."""
+    found = map_columns(table(**signals(torque=("tau2",))), ARM)
+    assert {name: channel.column for name, channel in found.torque.items()} == {"elbow": "tau2"}
+    assert found.position["elbow"].column == "q2"
+
+
 def signals(position=("q1", "q2"), torque=("tau1", "tau2"), size=1.0, peak=20.0):
     return {
         **{name: wave(size, k) for k, name in enumerate(position)},
@@ -102,6 +109,30 @@ def test_each_joint_has_the_unit_of_its_own_column():
     assert [one.unit for one in found.position.values()] == ["deg", "deg", "mm"]
     assert [one.unit for one in found.torque.values()] == ["N m", "N m", "kN"]
     assert found.lock == {}
+
+
+def test_a_slide_beyond_its_limits_is_drafted_in_mm() -> None:
+    scara = (*ARM, MovableJoint("quill", "prismatic", RobotJointLimits(lower=-0.1, upper=0.1)))
+    found = map_columns(table(**signals(("q1", "q2"), ("tau1", "tau2")), q3=wave(80.0), tau3=wave(20.0)), scara)
+    assert (found.position["quill"].column, found.position["quill"].unit) == ("q3", "mm")
+    assert found.position["quill"].question.endswith("is more than the joint can move in m: is it in mm?")
+
+
+@pytest.mark.parametrize(
+    ("form", "unit", "question"),
+    [
+        ("Torque {} [%]", "N m", "its name says '%'"),
+        ("torque{}_percent", "N m", "its name says 'percent'"),
+        ("torque{} [V]", "N m", "its name says 'V'"),
+        ("torque{} [kgf cm]", "kgf cm", ""),
+        ("tau[{}]", "N m", ""),
+    ],
+)
+def test_a_unit_that_is_not_known_is_asked_about(form: str, unit: str, question: str) -> None:
+    found = map_columns(table(**signals(torque=[form.format(name) for name in ("1", "2")])), NUMBERED)
+    assert {channel.unit for channel in found.torque.values()} == {unit}
+    assert all(question in channel.question for channel in found.torque.values())
+    assert all(bool(question) == bool(channel.question) for channel in found.torque.values())
 
 
 def test_units_follow_from_names():

@@ -215,6 +215,15 @@ def test_joints_that_the_robot_does_not_have_are_reported(arm, tmp_path):
     assert "the robot file does not have: 'rail.position'" in (tmp_path / "identify.yaml").read_text()
 
 
+def test_a_text_in_a_column_of_torques_is_said_though_another_joint_has_one(arm, tmp_path):
+    write(tmp_path / "a.csv")
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    at = lines[0].split(",").index('"elbow.effort"')
+    lines[5] = ",".join("1.014.5" if k == at else cell for k, cell in enumerate(lines[5].split(",")))
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    assert "Note: 'elbow.effort' has '1.014.5' at line 6, which is not a number" in run("init", arm, "a.csv").output
+
+
 def test_joints_of_other_models_are_known(tmp_path):
     assert [(one.name, one.kind) for one in read_joints("gallery:slider")] == [("slider", "prismatic")]
 

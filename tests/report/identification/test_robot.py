@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from base64 import b64decode
 from dataclasses import replace
 
@@ -10,11 +11,13 @@ import pytest
 
 from dynident.estimators import PhysicallyConsistent
 from dynident.identification.links import DeterminedBy
+from dynident.models import Model, RigidBodies
 from dynident.models import lagrangian as gallery
+from dynident.models.geometry import build_geometry
 from dynident.report.identification import identification_page
 from dynident.report.identification.robot import COLOURS, robot_blocks, robot_view
 from dynident.report.page import Figure
-from tests.report.robots import identified
+from tests.report.robots import TREE, identified
 
 
 def view(estimator: PhysicallyConsistent | None = None) -> Figure:
@@ -77,6 +80,13 @@ def test_a_model_without_a_robot_file_has_no_view() -> None:
     other = replace(identified(), model=gallery.slider())
     assert list(robot_blocks(other)) == []
     assert robot_view(other) is None
+
+
+def test_a_robot_file_without_masses_has_no_view() -> None:
+    bare = RigidBodies(re.sub("<(inertial|collision)>.*?</\\1>", "", TREE, flags=re.DOTALL), ("pan", "reach", "wrist"))
+    other = replace(identified(), model=Model((bare,)))
+    assert list(robot_blocks(other, build_geometry(bare))) == []
+    assert robot_view(other, build_geometry(bare)) is None
 
 
 def test_the_page_links_figures_over_time_with_the_view() -> None:

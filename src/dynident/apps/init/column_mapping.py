@@ -25,7 +25,7 @@ from dynident.apps.init.servo_draft import command_columns
 from dynident.apps.init.shape_match import match_by_shape
 from dynident.files.tables import DataTable
 from dynident.identification import held_joints
-from dynident.project.columns import ColumnFamily, families, read_name
+from dynident.project.columns import ColumnFamily, families, read_name, stated_unit
 from dynident.project.fields import POSITIONS, TORQUES, UNITS
 from dynident.project.signals import unwrap
 from dynident.runtime.arrays import Array
@@ -238,6 +238,12 @@ def _position_channel(joint: MovableJoint, q: Array, match: Match, degrees: str)
         unit, doubt = "deg", degrees
     else:
         unit, doubt = _si_unit(joint, POSITIONS), _unit_question(joint, q)
+        if not doubt and (stated := stated_unit(column, [joint.name])):
+            doubt = (
+                f"its name says {stated!r}, which is not read as a unit of position: then `gain`, or another `unit`?"
+            )
+        if joint.kind == "prismatic" and doubt and len(q) and _is_within_reach(joint, q, unit_factors["mm"]):
+            unit = "mm"  # as the question supposes
     return ChannelProposal(column, unit, _join_questions(match.question, doubt))
 
 
@@ -333,6 +339,8 @@ def _torque_channel(
             f"the peak {peak:.3g} exceeds the limit {limit:.3g} {unit} of the "
             "robot file: is it a current in mA, or another unit?"
         )
+    elif stated := stated_unit(column, [joint.name]):
+        doubt = f"its name says {stated!r}, which is not read as a unit of torque: then `gain`, or another `unit`?"
     elif largest_ratio is not None and largest_ratio < _MIN_EFFORT_RATIO:
         doubt = (
             f"the peak {peak:.2g} is small against the limit of the robot file: is it the motor's, "

@@ -161,8 +161,9 @@ def draft_config(
         names = join_names(map(repr, mapping.unknown_joints))
         notes.append(f"recorded, but not in the robot file, so left out: {names}.")
     table = sources[0].table
-    if page.blanks:
-        notes += [f"{name!r} {fault}" for name, fault in table.faults.items() if name not in table.texts]
+    # a column of text that is named as one of numbers may be what another was taken for
+    faults = {name: fault for name, fault in table.faults.items() if name not in table.texts}
+    notes += [f"{name!r} {faults[name]}" for name in faults if page.blanks or read_name(name, ()).role]
     # names and reasons come from files: a control character must not start a new line or hide text
     text = "\n".join(UNPRINTABLE.sub("?", line) for line in page.lines) + "\n"
     return ConfigDraft(text, tuple(notes), tuple(page.questions), tuple(page.blanks), bool(mapping.command))

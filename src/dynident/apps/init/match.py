@@ -75,8 +75,11 @@ def best_pair(
     Of the pairs of equal length, prefer those for the most joints, and measured, unfiltered columns. Commanded
     quantities are never used, currents only where there are no torques.
     """
-    joints_by_number = _stated_joints(table, joints)
-    family_matches = (match_family(family, joints, joints_by_number) for family in column_families if family.rank > -2)
+    joints_by_number, column_families = _stated_joints(table, joints), list(column_families)
+    numbers = next((keys for family in column_families if len(keys := _numbers(family)) == len(joints)), [])
+    family_matches = (
+        match_family(family, joints, joints_by_number, numbers) for family in column_families if family.rank > -2
+    )
     matches = [match for match in family_matches if match.columns]
     positions = [match for match in matches if match.family.role == "position"]
     torques = [match for match in matches if match.family.role in ("torque", "current")]
@@ -130,26 +133,35 @@ def _stated_joints(table: DataTable, joints: Sequence[MovableJoint]) -> dict[int
     return stated if len(set(stated.values())) == len(joint_columns) else {}
 
 
+def _numbers(family: ColumnFamily) -> list[int]:
+    """Return the numbers of a family's columns, in order."""
+    return sorted(key for key in family.columns if isinstance(key, int))
+
+
 def match_family(
-    family: ColumnFamily, joints: Sequence[MovableJoint], stated: Mapping[int, str] | None = None
+    family: ColumnFamily,
+    joints: Sequence[MovableJoint],
+    stated: Mapping[int, str] | None = None,
+    numbers: Sequence[int] = (),
 ) -> Match:
     """Match the columns of a family to joints.
 
     Columns are matched by name, by the numbers that the file has ``stated`` of joints, by the number in the joint
-    names, else by order.
+    names, else by order: that of the ``numbers`` with which another family has all joints, where they have these.
     """
     if any(isinstance(key, str) for key in family.columns):
         columns = {joint.name: family.columns[joint.name] for joint in joints if joint.name in family.columns}
         return Match(family, columns, "the columns have the names of the joints")
     if None in family.columns:
         return Match(family, {joints[0].name: family.columns[None]} if len(joints) == 1 else {}, "there is one joint")
-    numbers = sorted(key for key in family.columns if isinstance(key, int))
-    if stated and set(stated) <= set(numbers):
+    if stated and set(stated) <= set(_numbers(family)):
         return Match(family, {joint: family.columns[k] for k, joint in stated.items()}, "the file names the joints")
-    return _match_by_number(family, {key: family.columns[key] for key in numbers}, joints)
+    return _match_by_number(family, {key: family.columns[key] for key in _numbers(family)}, joints, numbers)
 
 
-def _match_by_number(family: ColumnFamily, numbered: Mapping[int, str], joints: Sequence[MovableJoint]) -> Match:
+def _match_by_number(
+    family: ColumnFamily, numbered: Mapping[int, str], joints: Sequence[MovableJoint], all_numbers: Sequence[int]
+) -> Match:
     """Match numbered columns to the joints whose names have these numbers, else to as many joints in order."""
     chains = _numbered_chains(joints)
     for chain in chains:
@@ -157,12 +169,15 @@ def _match_by_number(family: ColumnFamily, numbered: Mapping[int, str], joints: 
         if sorted(chain) == list(numbered):
             by_number = {chain[k]: column for k, column in numbered.items()}
             return Match(family, by_number, "matched by the number in the joints' names")
-    order = next((list(chain.values()) for chain in chains if len(chain) == len(numbered)), None)
-    order = order or [joint.name for joint in joints]
-    numbers, matched = list(numbered), dict(zip(order, numbered.values(), strict=False))
+    # columns of some joints only have the numbers of those of all joints
+    numbers = all_numbers if set(numbered) <= set(all_numbers) else list(numbered)
+    order = next((list(chain.values()) for chain in chains if len(chain) == len(numbers)), None)
+    joint_of = dict(zip(numbers, order or [joint.name for joint in joints], strict=False))
+    matched = {joint_of[k]: column for k, column in numbered.items() if k in joint_of}
+    names = list(matched)
     question = (
-        f"the columns are numbered {numbers[0]} to {numbers[-1]} and the joints are called {order[0]} to "
-        f"{order[len(matched) - 1]}: is this order right?"
+        f"the columns are numbered {min(numbered)} to {max(numbered)} and the joints are called {names[0]} to "
+        f"{names[-1]}: is this order right?"
     )
     return Match(family, matched, "matched by order", question)
 

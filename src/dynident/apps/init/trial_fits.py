@@ -21,6 +21,7 @@ from dynident.runtime import DynidentError
 
 SMOOTHER = Spline(factor=8.0)  # position noise may not be white, and the slow torque of gravity tells most
 MOUNTING_SAMPLES = 2000  # of all logs together, for the fits that compare directions of gravity
+GRAVITY_DECIMALS = 6
 
 
 class DraftFits:
@@ -72,5 +73,7 @@ class DraftFits:
             return mapping
         if mounting is None:
             return mapping
-        x, y, z = next(term.gravity for term in tilt_base(model, *mounting).terms if term.gravity and any(term.gravity))
+        mounted = tilt_base(model, *mounting)
+        gravity = next(term.gravity for term in mounted.terms if term.gravity and any(term.gravity))
+        x, y, z = (round(g, GRAVITY_DECIMALS) + 0.0 for g in gravity)  # a right angle leaves 1e-15
         return replace(mapping, gravity=(x, y, z))

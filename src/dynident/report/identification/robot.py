@@ -82,13 +82,15 @@ _LEAD = (
 def robot_blocks(identification: Identification, geometry: Geometry | None = None) -> Iterator[PageBlock]:
     """Yield the words on the robot and, last, its view, which the page moves along the recordings.
 
-    There is nothing to yield where the model is not from a robot file.
+    There is nothing to yield where the model is not from a robot file, or this gives its bodies no mass.
     """
     bodies = rigid_bodies(identification)
     if bodies is None or not identification.validations:
         return
     links = link_inertias(identification)
     moving, still = _arm_traces(bodies, links, geometry)
+    if not moving:
+        return
     inertia = list(_inertia_traces(links))
     moving_count, trace_count = len(moving), len(moving) + len(inertia)
     layers = [Layer("Inertia", tuple(range(moving_count, trace_count)), tuple(range(moving_count)))] if inertia else []

@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -120,14 +119,6 @@ def test_a_note_is_no_failure() -> None:
     assert (statistics(table, 2).unsettled, statistics(table, 2).failed) == (0, 0)
 
 
-def test_threads_change_nothing() -> None:
-    """Nor do processes, as the test of trouble shows."""
-    alone = run_study([Still()], [Mean(), Sure()], LEVELS, 6, seed=1)
-    with ThreadPoolExecutor(2) as executor:
-        spread = run_study([Still()], [Mean(), Sure()], LEVELS, 6, seed=1, executor=executor)
-    assert_frame_equal(without_seconds(alone), without_seconds(spread))
-
-
 def test_trouble_with_one_fit_leaves_the_others_unharmed(tmp_path: Path) -> None:
     """On the recordings of the higher noise one method raises, one hangs, one eats memory, and one ends its process."""
     methods, path = [Mean(), *TROUBLES], tmp_path / "study.parquet"
@@ -181,22 +172,6 @@ def test_killed_at_any_moment_nothing_is_lost_and_nothing_computed_twice(tmp_pat
     assert sorted(one.name for one in tmp_path.iterdir()) == ["study.parquet", "whole.parquet"]
 
 
-def test_with_rerun_all_fits_are_computed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "study.parquet"
-    fits: list[int] = []
-    estimate = Mean.estimate
-
-    def counted(method: Mean, recording: Recording) -> Estimate:
-        fits.append(1)
-        return estimate(method, recording)
-
-    monkeypatch.setattr(Mean, "estimate", counted)
-    first = run_study([Still()], [Mean()], LEVELS, 4, path=path)
-    second = run_study([Still()], [Mean()], LEVELS, 2, path=path, rerun=True)
-    assert len(fits) == len(first) + len(second) == 8 + 4
-    assert len(pl.read_parquet(path)) == 8  # the others are still there
-
-
 def test_noise_depends_on_seed_level_and_run_alone() -> None:
     first = generator(0, 0.1, 0).standard_normal(3)
     np.testing.assert_array_equal(first, generator(0, 0.1, 0).standard_normal(3))
@@ -245,7 +220,6 @@ def test_statistics_are_the_published_ones() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda table: table.with_columns(seed=pl.lit("x")), "'seed' holds String, not Int64"),
         (lambda table: table.with_columns(status=pl.lit("good")), "'good' is no status"),
         (lambda table: table.with_columns(value=pl.lit([1.0, 2.0, 3.0])), "lists of 3 numbers in the column 'value'"),
         (lambda table: table.with_columns(interval=pl.lit([1.0])), "lists of 1 numbers in the column 'interval'"),

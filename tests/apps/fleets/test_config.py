@@ -14,9 +14,7 @@ import pytest
 from dynident.apps.fleets.config import (
     FleetLog,
     FleetSettings,
-    RobotChanges,
     fleet_logs,
-    fleet_schema,
     folder_names,
     parse_date,
     read_fleet_settings,
@@ -70,13 +68,6 @@ def read(folder: Path, text: str) -> FleetSettings:
 def test_what_is_wrong_is_named(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         read(tmp_path, text)
-
-
-def test_the_schema_has_all_keys_and_no_others() -> None:
-    schema = fleet_schema()
-    assert schema["properties"].keys() == FleetSettings.model_fields.keys()
-    assert schema["$defs"]["RobotChanges"]["properties"].keys() == RobotChanges.model_fields.keys()
-    assert schema["additionalProperties"] is False
 
 
 DAY = datetime(2026, 11, 22)

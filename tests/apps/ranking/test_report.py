@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 from rich.console import Console
@@ -11,7 +10,6 @@ from dynident.apps.ranking import CombinationOutcome, RankedCombination, cost_fi
 from dynident.apps.ranking.page import ranking_page
 from dynident.apps.ranking.report import ranking_dict, ranking_findings, ranking_heading, ranking_tables
 from dynident.checks.motion_notes import LoopDiffers
-from dynident.files.results import json_text
 from dynident.report.terminal import TerminalTable
 from dynident.runtime import Finding, Remark, Severity
 from tests.report.rankings import ranking, untold
@@ -21,28 +19,12 @@ def said(found: object) -> str:
     return "\n".join(ranking_findings(found))  # type: ignore[arg-type]
 
 
-def test_it_says_which_to_take_and_why() -> None:
-    found = ranking()
-    best = "smoother0 with estimator0 predicts the torque best: mean joint error 3 %, torque error 2.5 %"
-    assert ranking_heading(found) == best
-    text = said(found)
-    assert "1 other of 4 is as good within chance: smoother1 with estimator0." in text
-    assert "Take smoother1 with estimator0 (3.4 %): as good within chance, and all of its bodies are possible" in text
-    assert "Only 80 % of the samples of monday count, those that all smoothers keep; smoother1 keeps fewest" in text
-    assert "1 combination of 6 gave no estimate:\nsmoother2 with estimator1 (failed): InputError" in text
-    assert "Does not apply: instruments: monday: has no controller" in text
-    assert "errors of 1.2 times the least standard deviation" in text
-
-
 def test_what_a_few_lines_cannot_hold_is_in_the_report() -> None:
     found = ranking()
     lost = tuple(replace(found.rows[-1], reason=f"reason {k}") for k in range(6))
     assert "2 more reasons in the report" in said(replace(found, rows=(*found.rows[:2], *lost)))
     absent = (*found.absent, replace(found.absent[0], estimator="others"))
     assert "apply: instruments, others: monday: has no" in said(replace(found, absent=absent))
-    text = said(replace(found, rows=found.rows[:1]))
-    assert "There is no other to compare it with." in text
-    assert "Of 2 base parameters, 1 have a true value" in text
 
 
 def test_what_holds_nothing_out_or_has_no_torque_is_said() -> None:
@@ -153,10 +135,7 @@ def test_what_forbids_any_model_comes_first() -> None:
 
 
 def test_what_is_not_known_is_not_claimed() -> None:
-    text = said(untold(ranking(basis="train")))
-    assert "No log is held out, so that combinations are ranked by blocked cross-validation" in text
-    assert "too short to tell differences from chance: they hold 4 blocks" in text
-    assert "worse by more than chance" not in text
+    assert "worse by more than chance" not in said(untold(ranking(basis="train")))
     none = replace(ranking(), rows=ranking().rows[-1:])
     assert ranking_heading(none) == "none of the combinations has an estimate"
     assert list(ranking_tables(none)) == []
@@ -173,24 +152,11 @@ def test_tables_fit_a_terminal() -> None:
     assert "56 more with larger errors" in text
 
 
-def test_all_numbers_are_in_the_json() -> None:
-    data = json.loads(json_text(ranking_dict(ranking())))
-    assert data["take"] == ["smoother1", "estimator0"]
-    assert len(data["rows"]) == 6
-    assert data["rows"][0]["truth"]["over_bound"] == 1.2
-    assert data["rows"][-1]["status"] == "failed"
-    assert data["rows"][-1]["error"] is None
-
-
 def test_each_combination_has_its_line_and_mark() -> None:
     found = ranking(6, 10)
     figure = ranking_figure(found)
-    marks = [one for one in figure.data if one["mode"] == "markers"]
-    assert [one["name"] for one in marks] == [f"smoother{k}" for k in range(6)]
-    heights = [y for one in marks for y in one["y"]]
+    heights = [y for one in figure.data if one["mode"] == "markers" for y in one["y"]]
     assert len(set(heights)) == len(heights) == 59
-    assert figure.layout["yaxis"]["ticktext"] == [f"estimator{k}" for k in range(10)]
-    assert marks[0]["marker"]["symbol"][:2] == ["circle", "circle-open"]
     assert figure.layout["height"] < 1300
     assert figure.layout["xaxis"]["type"] == "log"
     assert figure.figure()
@@ -206,22 +172,13 @@ def test_without_chance_there_are_no_whiskers() -> None:
 HOSTILE = "<script>alert('x')</script>"
 
 
-def test_the_page_has_all_parts_and_escapes_names() -> None:
-    text = ranking_page(ranking(joint=HOSTILE))
-    assert HOSTILE not in text
-    assert "<b>too short</b>" not in text
-    titles = ("Which to take", "Errors", "All combinations", "By joint", "Against the truth", "Without an estimate")
-    for title in titles:
-        assert f">{title}" in text
-
-
-def test_the_badge_tells_what_comes_before_any_ranking() -> None:
-    assert "yours is among the best" in ranking_page(ranking())
+def test_the_badge_tells_what_comes_before_any_ranking_and_names_are_escaped() -> None:
     finding = Finding(Remark(HOSTILE), severity=Severity.ERROR)
-    text = ranking_page(replace(ranking(), findings=(finding,)))
+    text = ranking_page(replace(ranking(joint=HOSTILE), findings=(finding,)))
     assert "correct first what was found" in text
     assert "yours is among the best" not in text
     assert HOSTILE not in text
+    assert "<b>too short</b>" not in text
 
 
 def test_a_page_without_chance_truth_or_estimates() -> None:
@@ -231,17 +188,3 @@ def test_a_page_without_chance_truth_or_estimates() -> None:
     none = ranking_page(replace(found, rows=found.rows[-1:]))
     assert "By joint" not in none
     assert "no estimate" in none
-
-
-def test_where_the_best_are_impossible_the_best_possible_one_is_named() -> None:
-    found = ranking()
-    impossible = [replace(row, eigenvalue=-1.0) for row in found.rows]
-    text = said(replace(found, rows=tuple(impossible)))
-    assert "physically impossible (an eigenvalue below zero), as are those of all others: take a consistent" in text
-    beside = replace(found.rows[3], eigenvalue=0.1)
-    with_one = replace(found, rows=(*impossible[:3], beside, *impossible[4:]))
-    text = said(with_one)
-    assert with_one.choice is not None
-    assert not with_one.choice.is_physical
-    name = f"{beside.combination.smoother} with {beside.combination.estimator}"
-    assert f"(an eigenvalue below zero): for simulation and control take {name} (" in text

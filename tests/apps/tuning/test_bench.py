@@ -41,14 +41,6 @@ def test_the_residual_of_the_right_smoothing_is_white_of_the_noise(arm: Bench) -
     assert 2 < found.edf < len(found.t)
 
 
-def test_too_much_smoothing_leaves_the_motion_in_the_residual(arm: Bench) -> None:
-    found = arm.smooth(arm.start.with_degree(2.0), "log 1", JOINTS[0])
-    f, power = found.spectrum()
-    assert power[f < 5].max() > 30 * np.median(power)
-    _, auto, bound = found.autocorrelation()
-    assert auto[0] > 5 * bound
-
-
 def test_no_noise_has_no_degree() -> None:
     assert degree_of(np.zeros(5), 1e-3) == MIN_DEGREE
     assert degree_of(np.ones(5), 0.0) == MIN_DEGREE

@@ -6,10 +6,10 @@ import http.client
 import socket
 import threading
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
-import flask
 import pytest
 
 from dynident.apps.tuning import server as server_module
@@ -26,33 +26,44 @@ from dynident.apps.tuning.server import (
 )
 from dynident.runtime import ConfigError
 
+flask = pytest.importorskip("flask")
+
+
+@contextmanager
+def served(app: flask.Flask, listener: socket.socket) -> Iterator[int]:
+    """Answer on a socket; yield its port."""
+    port, server = listener.getsockname()[1], build_server(app, listener)
+    listener.close()
+    thread = threading.Thread(target=answer, args=(server,), daemon=True)
+    thread.start()
+    yield port
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+def ask(port: int, path: str, host: str | None = None) -> tuple[http.client.HTTPResponse, str]:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    connection.request("GET", path, headers={} if host is None else {"Host": host})
+    response = connection.getresponse()
+    return response, response.read().decode()
+
 
 def test_a_free_port_and_a_secret() -> None:
-    flask = pytest.importorskip("flask")
     own = bind_socket(0)
     address = Address.at(own.getsockname()[1])
     assert own.getsockname()[0] == "127.0.0.1"
     assert Address.at(1).token != address.token
     with pytest.raises(ConfigError, match=rf"--port {address.port}: .*Name another port"):
         bind_socket(address.port)
-
     app = flask.Flask("served")
     app.add_url_rule("/<path:path>", "echo", lambda path: f"/{path}")
     guard(app, address, "default-src 'self'")
-    server = build_server(app, own)
-    own.close()
-    thread = threading.Thread(target=answer, args=(server,), daemon=True)
-    thread.start()
-    asked = http.client.HTTPConnection("127.0.0.1", address.port, timeout=10)
-    asked.request("GET", f"/{address.token}/here")
-    found = asked.getresponse()
-    assert (found.status, found.read().decode()) == (200, f"/{address.token}/here")
-    assert "Werkzeug" not in (found.getheader("Server") or "")
-    asked.request("GET", "/here", headers={"Host": "evil.example"})
-    assert asked.getresponse().status == 403
-    server.shutdown()
-    thread.join()
-    server.server_close()
+    with served(app, own) as port:
+        response, text = ask(port, f"/{address.token}/here")
+        assert (response.status, text) == (200, f"/{address.token}/here")
+        assert "Werkzeug" not in (response.getheader("Server") or "")
+        assert ask(port, "/here", "evil.example")[0].status == 403
 
 
 def test_no_browser_where_there_is_no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,9 +74,6 @@ def test_no_browser_where_there_is_no_screen(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("sys.platform", "linux")
     open_browser(Address(1, "x"))
     assert opened == []
-
-
-pytest.importorskip("flask")
 
 
 HOST = "127.0.0.1:8050"
@@ -165,28 +173,18 @@ def test_connections_that_send_nothing_or_drip_are_closed_soon_and_are_not_many(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(server_module, "HEADER_TIME", 0.25)
-    listener = bind_socket(0)
-    port = listener.getsockname()[1]
-    server = build_server(flask.Flask("served"), listener)
-    listener.close()
-    thread = threading.Thread(target=answer, args=(server,), daemon=True)
-    thread.start()
-    before = threading.active_count()
-    connections = [socket.create_connection(("127.0.0.1", port), timeout=5) for _ in range(3 * MAX_CONNECTIONS)]
-    for connection in connections[::2]:
-        with suppress(OSError):
-            connection.sendall(b"GET / HT")
-    assert threading.active_count() - before <= 2 * MAX_CONNECTIONS + 1  # each with its alarm
-    start = time.monotonic()
-    for connection in connections:
-        with suppress(ConnectionError):
-            while connection.recv(4096):
-                pass
-        connection.close()
-    assert time.monotonic() - start < 4
-    asked = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
-    asked.request("GET", "/")
-    assert asked.getresponse().status == 404  # it answers again
-    server.shutdown()
-    thread.join()
-    server.server_close()
+    with served(flask.Flask("served"), bind_socket(0)) as port:
+        before = threading.active_count()
+        connections = [socket.create_connection(("127.0.0.1", port), timeout=5) for _ in range(3 * MAX_CONNECTIONS)]
+        for connection in connections[::2]:
+            with suppress(OSError):
+                connection.sendall(b"GET / HT")
+        assert threading.active_count() - before <= 2 * MAX_CONNECTIONS + 1  # each with its alarm
+        start = time.monotonic()
+        for connection in connections:
+            with suppress(ConnectionError):
+                while connection.recv(4096):
+                    pass
+            connection.close()
+        assert time.monotonic() - start < 4
+        assert ask(port, "/")[0].status == 404  # it answers again

@@ -10,7 +10,7 @@ import pytest
 import dynident as dy
 from dynident.apps.fleets.config import fleet_logs, read_fleet_settings
 from dynident.apps.fleets.fit import information_of, model_of
-from dynident.apps.fleets.recipe import FleetRecipe, fleet_recipe, merge_settings
+from dynident.apps.fleets.recipe import FleetRecipe, fleet_recipe
 from dynident.files.yaml_text import load_yaml
 from dynident.identification import Recipe, identify, tilt_base
 from dynident.models import Model
@@ -34,13 +34,6 @@ def recipe_of(folder: Path, fleet: str = FLEET, recipe: str = RECIPE) -> FleetRe
     settings = read_fleet_settings(folder / "fleet.yaml")
     logs, _ = fleet_logs(settings, folder)
     return fleet_recipe(settings, logs, folder, None)
-
-
-def test_settings_are_merged_key_by_key() -> None:
-    recipe = {"model": {"file": "a.urdf", "terms": []}, "time_offset": 0}
-    found = merge_settings(recipe, {"model": {"file": "b.urdf"}, "time_offset": 1, "zero": {"a": 2}})
-    assert found == {"model": {"file": "b.urdf", "terms": []}, "time_offset": 1, "zero": {"a": 2}}
-    assert recipe == {"model": {"file": "a.urdf", "terms": []}, "time_offset": 0}
 
 
 def test_a_recipe_is_another_one_where_settings_or_files_differ(folder: Path) -> None:

@@ -1,7 +1,5 @@
 """Equations in a browser: typeset, within the page at any width, and no barrier."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Tables are sorted and copied, and figures saved, as a reader would."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from dynident.report.page import Column, PageSection, PageTable, render

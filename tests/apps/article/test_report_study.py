@@ -22,13 +22,10 @@ def exact(**changes):
     return Reproduction((replace(case, **changes),), runs=4)
 
 
-def test_findings_of_a_perfect_study():
+def test_findings_are_in_percent_of_the_true_value():
     lines = findings(exact())
     assert lines[0].endswith("1e-6: smoothing splines 0 %.")
     assert lines[1:] == ["All 4 estimations succeeded."]
-
-
-def test_the_distance_from_the_article_is_in_percent_of_the_true_value():
     printed = tuple(TRUE * 1.02)[:3] + (None,) * 4
     assert "of the true value: smoothing splines 2.0 %." in findings(exact(published_mean=printed))[1]
 

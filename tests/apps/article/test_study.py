@@ -1,7 +1,5 @@
 """A study is a table: one row per fit, resumable, the same wherever it runs; a failure is a row."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
@@ -16,7 +14,7 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from dynident.apps.article import FitOutcome, run_study, statistics
-from dynident.apps.article.study import KEY, generator, study_table
+from dynident.apps.article.study import KEY, generator
 from dynident.estimators import DataRank, Estimate, Residual
 from dynident.estimators.notes import NotConverged, RankDeficient
 from dynident.models.simulation import Recording
@@ -26,32 +24,6 @@ from dynident.runtime.jobs import cluster as software
 from dynident.runtime.jobs.cluster import code_version
 from dynident.runtime.kernel import Kernel
 from tests.apps.article.work import HANGS, LEVELS, SEEN, TROUBLES, Mean, Still, without_seconds
-
-
-def row(run: int, status: FitOutcome = FitOutcome.OK) -> dict[str, Any]:
-    key = {"scenario": "s", "method": "m", "level": 1e-6, "run": run, "seed": 0, "version": "1"}
-    numbers = {"value": [0.1 * run, -3.0], "std": [float("inf"), float("nan")], "interval": []}
-    return key | {"status": status.value, "reason": "no ä reason", "seconds": 0.25} | numbers
-
-
-def key(run: int) -> tuple[Any, ...]:
-    return tuple(row(run)[name] for name in KEY)
-
-
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "study.parquet"
-
-
-def test_what_gave_nothing_is_tried_again(path: Path) -> None:
-    outcomes = list(FitOutcome)
-    with study_table(path) as table:
-        table.add([row(run, outcome) for run, outcome in enumerate(outcomes)])
-    with study_table(path) as table:
-        known = {outcome for run, outcome in enumerate(outcomes) if key(run) in table}
-    assert known == {FitOutcome.OK, FitOutcome.NOTED, FitOutcome.UNSETTLED}
-    assert len(pl.read_parquet(path)) == len(outcomes)
-
 
 ROOT = Path(__file__).parents[3]
 
@@ -117,6 +89,14 @@ def test_a_note_is_no_failure() -> None:
     assert set(table["status"]) == {FitOutcome.NOTED}
     assert set(table["reason"]) == {"RankDeficient"}
     assert (statistics(table, 2).unsettled, statistics(table, 2).failed) == (0, 0)
+
+
+def test_what_gave_nothing_is_tried_again(tmp_path: Path) -> None:
+    methods = [Mean(), Sure(), Tied(), Mean("failing", breaks_above=0.0)]
+    first, again = (run_study([Still()], methods, LEVELS, 2, path=tmp_path / "study.parquet") for _ in range(2))
+    kept = first.filter(first["seconds"] == again["seconds"])  # not measured again
+    assert set(kept["status"]) == {FitOutcome.OK, FitOutcome.NOTED, FitOutcome.UNSETTLED}
+    assert len(kept) == len(again.filter(pl.col("status") != FitOutcome.FAILED)) == len(again) - 4
 
 
 def test_trouble_with_one_fit_leaves_the_others_unharmed(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """Results side by side: exact where known, right at a stated rate, in words, tables and as a page."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

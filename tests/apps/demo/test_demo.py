@@ -1,7 +1,5 @@
 """The demo: a sound robot file, recordings as sensors make them, whole files, and fits against the truth."""
 
-from __future__ import annotations
-
 import runpy
 from dataclasses import replace
 from pathlib import Path

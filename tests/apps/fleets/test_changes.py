@@ -6,17 +6,23 @@ from dynident.apps.fleets import ChangeShape, History, find_changes, pool_robots
 from dynident.apps.fleets.changes import course
 from dynident.apps.fleets.components import scatter_of
 from dynident.apps.fleets.result import baseline
-from tests.apps.fleets.simulated import FRICTION_A, GROUPS, OFFSET_B, PAYLOAD, RIPPLE, SIZE, B, fleet, robot
-
-CARRIED = np.array([0.02, 0.0, 0.05])
+from tests.apps.fleets.simulated import (
+    CARRIED,
+    FRICTION_A,
+    GROUPS,
+    OFFSET_B,
+    PAYLOAD,
+    RIPPLE,
+    SIZE,
+    B,
+    carries,
+    fleet,
+    robot,
+)
 
 
 def rubs(log: int, value: np.ndarray) -> None:
     value[4:6] *= 1 + 0.5 * max(log - 3, 0) / 12
-
-
-def carries(log: int, value: np.ndarray) -> None:
-    value += (log >= 10) * GROUPS[PAYLOAD].directions @ CARRIED
 
 
 def slips(log: int, value: np.ndarray) -> None:

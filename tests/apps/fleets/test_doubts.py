@@ -1,7 +1,5 @@
 """Residuals that change by themselves, and logs that are not what they are taken for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,7 +23,7 @@ from dynident.apps.fleets.report import fleet_findings
 from dynident.models import Joint
 from dynident.regression import GroupKind, ParameterGroup
 from tests.apps.fleets.made import FLEET, RECIPE, write_log
-from tests.apps.fleets.simulated import FRICTION_A, GROUPS, OFFSET_B, PAYLOAD, SIZE, fleet
+from tests.apps.fleets.simulated import FRICTION_A, GROUPS, OFFSET_B, SIZE, carries, fleet
 
 JOINTS = Joint("a"), Joint("b"), Joint("rail", "prismatic")
 FEW_DRAWS = {"rate": 0.05, "draws": 200}  # the smaller the rate, the more draws
@@ -45,10 +43,6 @@ def residuals(rng, histories, changes=None):
 
 def grows(log: int) -> np.ndarray:
     return np.array([0.0, 0.05 * max(log - 5, 0), 0.0])
-
-
-def carries(log: int, value: np.ndarray) -> None:
-    value += (log >= 10) * GROUPS[PAYLOAD].directions @ [0.02, 0.0, 0.05]
 
 
 def steps(log: int) -> np.ndarray:

@@ -1,7 +1,5 @@
 """The recipe of a fleet, and what one log says of the base parameters."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

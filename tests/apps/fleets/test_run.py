@@ -1,7 +1,5 @@
 """A fleet from its files to its table: what is done once, what fails, what is said."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Iterable, Iterator
@@ -69,6 +67,8 @@ def test_base_parameters_are_near_the_truth_for_their_information(made: Path, pl
     assert history.days.tolist() == [0.0, 1.0]
     distance = np.einsum("ki,kij,kj->k", error, history.information, error) / len(found.base.names)
     assert (distance < 3.0).all()  # of chi-squared with 10 degrees of freedom, over these
+    rows = table(made / "out").drop("stamp", "recipe", strict=False).rows(named=True)
+    check_kept("fleet_table", "\n".join(line for row in rows for line in facts({**row}, row["log"])))
 
 
 def identified_again(found: FleetResult, made: Path) -> set[str]:
@@ -237,8 +237,3 @@ def test_wrong_settings_are_refused_before_the_work(fleet: Path, text: str, erro
     with pytest.raises(error, match=words):
         dy.fleet(fleet, fleet.parent / "new")
     assert not (fleet.parent / "new").exists()
-
-
-def test_the_table_of_a_fleet_stays(made: Path) -> None:
-    rows = table(made / "out").drop("stamp", "recipe", strict=False).rows(named=True)
-    check_kept("fleet_table", "\n".join(line for row in rows for line in facts({**row}, row["log"])))

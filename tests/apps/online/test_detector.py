@@ -1,7 +1,5 @@
 """Changes are found in their group, with their size, and at most as often by chance as is stated."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache, reduce

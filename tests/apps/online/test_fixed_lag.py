@@ -1,7 +1,5 @@
 """The motion of a stream is that of the spline through the whole recording, each sample once."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

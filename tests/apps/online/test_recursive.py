@@ -1,7 +1,5 @@
 """Recursive least squares: what enters is as in a fit of all samples; what is forgotten, and what stays."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Sensors that fail are seen at once, and those that do not are left alone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

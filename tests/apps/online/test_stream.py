@@ -1,7 +1,5 @@
 """Samples from lines as they come, of files that grow, are rotated, cut, or read on after a kill."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import os
@@ -190,11 +188,6 @@ def file(log: Path) -> Iterator[FollowedFile]:
 def add(path: Path, text: bytes) -> None:
     with open(path, "ab") as file:
         file.write(text)
-
-
-def test_what_is_added_is_read(log: Path, file: FollowedFile) -> None:
-    add(log, b"2\n3\n")
-    assert file.read() == (b"2\n3\n", False, False)
 
 
 def test_a_rotated_file_is_read_to_its_end_and_then_the_next(log: Path, file: FollowedFile) -> None:

@@ -1,7 +1,5 @@
 """A tracker: blocks in order, gaps, saved states, what it refuses. That its end is the offline fit: tests/laws."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """A watch: one sentence for each event, its state as bytes, and its going on after a stop."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import os

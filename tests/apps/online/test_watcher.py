@@ -1,7 +1,5 @@
 """A watcher: samples in, what there is to say out."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """A comparison from a configuration to its ranking: what takes part, what fails, what is kept."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
@@ -191,6 +189,7 @@ def test_combinations_are_ranked_and_worse_ones_told(found: Ranking) -> None:
     difference = found.standings[-1].error - found.standings[0].error
     low, high = found.standings[-1].interval
     assert low < difference < high
+    check_kept("compared", "\n".join(line for row in numbers(found) for line in facts(list(row))))
 
 
 def test_what_fails_is_a_row_and_what_lacks_something_is_listed(project: Path, found: Ranking) -> None:
@@ -268,6 +267,11 @@ def test_short_logs_do_not_tell_differences_from_chance(tmp_path: Path) -> None:
     assert np.isnan(found.standings[1].p_value)
 
 
+def test_a_log_that_repeats_the_training_is_named(tmp_path: Path) -> None:
+    path = make_project(tmp_path, held_out=False, more="validation: [{ file: monday.csv, name: again }]\n")
+    assert compare(path, smoothers=[], estimators=[], folds=0).repeats == (("again", "monday"),)
+
+
 def test_rows_are_kept_and_a_stopped_run_goes_on(project: Path, found: Ranking, tmp_path: Path) -> None:
     out = tmp_path / "out"
 
@@ -342,16 +346,6 @@ def test_known_truth_gives_errors_and_coverage(project: Path, tmp_path: Path) ->
     assert bad.covered < 2
     with pytest.raises(ConfigError, match="none of its values is of a parameter of the model"):
         compare(project, **FEW, truth={"nothing": 1.0})
-
-
-def test_a_log_that_repeats_the_training_is_named(tmp_path: Path) -> None:
-    path = make_project(tmp_path, held_out=False, more="validation: [{ file: monday.csv, name: again }]\n")
-    found = compare(path, **{**FEW, "smoothers": [], "folds": 0})
-    assert found.repeats == (("again", "monday"),)
-
-
-def test_the_numbers_of_a_comparison_stay(found: Ranking) -> None:
-    check_kept("compared", "\n".join(line for row in numbers(found) for line in facts(list(row))))
 
 
 @pytest.mark.parametrize(("kept", "left_out"), [(4, False), (3, True)])

@@ -1,7 +1,5 @@
 """A bench for all tests that do not need another."""
 
-from __future__ import annotations
-
 import pytest
 
 from dynident.apps.tuning import Bench

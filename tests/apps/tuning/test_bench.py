@@ -1,7 +1,5 @@
 """Any tuning of logs and a model: what is quick agrees with what is whole, and odd logs do no harm."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -38,6 +36,7 @@ def test_the_residual_of_the_right_smoothing_is_white_of_the_noise(arm: Bench) -
     late, auto, bound = found.autocorrelation()
     assert late[0] == pytest.approx(1 / RATE)
     assert np.abs(auto[50:]).mean() < bound
+    assert np.abs(auto).max() < 0.3
     assert 2 < found.edf < len(found.t)
 
 

@@ -1,7 +1,5 @@
 """All settings as one value: each control makes the next, changes are said, and an address holds it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

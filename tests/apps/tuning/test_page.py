@@ -1,7 +1,5 @@
 """Answers follow from the address alone, and figures keep what matters when they are thinned."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

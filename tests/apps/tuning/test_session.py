@@ -1,7 +1,5 @@
 """Where a session saves what was tuned, which is identified the same, and what is not done in vain."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A watch: one sentence for each event, its state as bytes, and its going on after a stop."""
+"""A watch: what it says and writes, its state as bytes, and its going on after a stop."""
 
 import itertools
 import json

@@ -32,21 +32,11 @@ from dynident.models.lagrangian import MODELS
 from dynident.motion.smoothers import Smoother
 from dynident.runtime import ConfigError, InputError
 from dynident.runtime.arrays import Array
+from tests.project.watched import RATE, samples
 
 HOW = WatchSettings(block=1.0, baseline=25.0, settle=6.0)
-RATE = 100.0
 CLOCK = "last", "step", "back", "replay"  # of a state
 COUNT = 2 * np.pi / 2**17  # rad, of an encoder
-
-
-def samples(start: float, stop: float, rub: float = 1.0, seed: int = 0) -> tuple[Array, Array, Array]:
-    """A slider of 5 kg with friction, to and fro without a period."""
-    t = np.arange(round(start * RATE), round(stop * RATE)) / RATE
-    x = 0.3 * np.sin(3 * t) + 0.1 * np.sin(1.7 * t)
-    dx, ddx = 0.9 * np.cos(3 * t) + 0.17 * np.cos(1.7 * t), -2.7 * np.sin(3 * t) - 0.289 * np.sin(1.7 * t)
-    rng = np.random.default_rng(seed)
-    force = 5.0 * ddx + rub * (8.0 * dx + 3.0 * np.sign(dx)) + 0.5 + 0.3 * rng.standard_normal(len(t))
-    return t, (x + 1e-5 * rng.standard_normal(len(t)))[:, None], force[:, None]
 
 
 @cache

@@ -142,6 +142,11 @@ def test_a_length_that_is_none_does_no_harm(length: str) -> None:
     assert answered(REQUEST_METHOD="POST", CONTENT_LENGTH=length).status_code < 500
 
 
+def test_a_request_without_a_host_is_refused() -> None:
+    environ = {name: value for name, value in OWN.items() if name != "HTTP_HOST"}
+    assert "its own machine only" in server.refusal(environ, server.Address(8050, "secret"))
+
+
 def test_files_that_never_change_may_be_kept() -> None:
     kept = "public, max-age=31536000"
     assert answered(cache=kept).headers["Cache-Control"] == kept

@@ -1,7 +1,5 @@
 """The harness sees what it is there to see."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

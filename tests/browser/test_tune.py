@@ -14,6 +14,7 @@ import pytest
 
 from dynident.models import Model, RigidBodies
 from dynident.models.friction import Coulomb, Viscous
+from tests.apps.tuning.arms import recording
 from tests.browser.browsing import Browsing
 from tests.robots import joint, link, urdf
 
@@ -37,18 +38,14 @@ smoother: {{ kind: spline }}
 """
 
 
-def recorded(path: Path, speed: float, seed: int) -> None:
+def recorded(path: Path, seed: int) -> None:
     """Write a recording of the arm with its noise."""
     bodies = RigidBodies(path.with_name("arm.urdf").read_text())
     model = Model((bodies, Viscous(bodies.joints), Coulomb(bodies.joints)))
     theta = np.array([0.4 if one.value is None else one.value for one in model.parameters])
-    t, rng = np.arange(1200) * 0.005, np.random.default_rng(seed)
-    way = [0.5 * np.sin(speed * t) + 0.2 * np.sin(2.3 * t), 0.6 * np.cos(1.7 * speed * t)]
-    dq, ddq = (np.stack([np.gradient(one, t) for one in some]) for some in (way, [np.gradient(one, t) for one in way]))
-    q = np.stack(way)
-    tau = model.torque(q.T, dq.T, ddq.T, theta).T + 0.02 * rng.standard_normal(q.shape)
-    q = q + 1e-4 * rng.standard_normal(q.shape)
-    np.savez(path, t=t, q=q[0], p=q[1], u=tau[0], w=tau[1], temperature=20 + 0.1 * t)
+    log = recording(seed, 6.0, model=model, theta=theta)
+    columns = dict(zip("qpuw", (*log.q.T, *log.tau.T), strict=True))
+    np.savez(path, t=log.t, temperature=20 + 0.1 * log.t, **columns)
 
 
 @pytest.fixture(scope="module")
@@ -61,8 +58,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         parts += [joint(name, "revolute", parent, child, (0.3, 0, 0), axis=(0, 1, 0))]
     (made / "arm.urdf").write_text(urdf(*parts))
     (made / "arm.yaml").write_text(CONFIG)
-    recorded(made / "monday.npz", 2.0, 0)
-    recorded(made / "tuesday.npz", 2.6, 1)
+    recorded(made / "monday.npz", 0)
+    recorded(made / "tuesday.npz", 1)
     return made
 
 
@@ -154,10 +151,11 @@ def test_after_a_wrong_address_curves_and_fit_follow_the_slider_and_a_new_file_i
     page.wait_for_selector("#saved", state="hidden")
 
 
-def test_a_window_is_left_out_by_dragging_and_two_tabs_are_two(browse: Browsing, address: str) -> None:
-    page, other = browse(address, bypass_csp=True), browse(address, bypass_csp=True)
+def test_tabs_are_apart_hostile_names_are_text_and_all_can_read(browse: Browsing, address: str) -> None:
+    """On a screen a window is left out by dragging; on a phone in the dark a term is switched, of a hostile joint."""
+    page = browse(address, bypass_csp=True)
+    phone = browse(address, width=400, color_scheme="dark")  # as it comes: no script of another may run
     identified(page)
-    identified(other)
     page.click("#dragging")
     place = page.locator("#motion .nsewdrag").first.bounding_box()
     assert place is not None
@@ -171,29 +169,26 @@ def test_a_window_is_left_out_by_dragging_and_two_tabs_are_two(browse: Browsing,
     assert search.startswith('?excluded=[["monday",')
     assert "monday: " in page.inner_text("#windows")
     page.wait_for_function("document.querySelector('#motion .js-plotly-plot').layout.shapes.length === 1")
-    terms = '[["viscous","coulomb","stribeck"],["viscous","coulomb"]]'
-    other.click("text=this joint")
-    other.click("button:has-text('stribeck')")
-    assert settled(other, "?only_this_joint=true") == f"?terms={terms}&only_this_joint=true"
-    assert "exclude" not in other.url
+
+    identified(phone)
+    phone.click(f"[aria-label='Joint'] button[title='{HOSTILE}']")
+    phone.wait_for_selector("#torque-name:has-text('<img src=x onerror')")
+    phone.wait_for_selector("#errors tr.here:has-text('<img src')")
+    phone.click("text=this joint")
+    phone.click("button:has-text('stribeck')")
+    phone.wait_for_url(
+        lambda url: 'terms=[["viscous","coulomb"],["viscous","coulomb","stribeck"]]' in unquote_plus(url)
+    )
+    assert "exclude" not in phone.url
     assert page.inner_text("#windows").startswith("monday")
-    for tab in (page, other):
+    for tab in (page, phone):
         identified(tab)  # what still comes draws the button anew
     page.click("text=use again")
     assert settled(page, search) == ""
-
-
-def test_hostile_names_are_text_and_all_can_read(browse: Browsing, address: str) -> None:
-    """On a phone in the dark, and then on a screen by day."""
-    page = browse(address, width=400, color_scheme="dark")  # as it comes: no script of another may run
-    identified(page)
-    page.click(f"[aria-label='Joint'] button[title='{HOSTILE}']")
-    page.wait_for_selector("#torque-name:has-text('<img src=x onerror')")
-    page.wait_for_selector("#errors tr.here:has-text('<img src')")
+    assert browse.barriers(phone) == []
     for width, scheme in ((400, "dark"), (1280, "light")):
-        page.set_viewport_size({"width": width, "height": 800})
-        page.emulate_media(color_scheme=scheme)  # type: ignore[arg-type]
-        page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
-        assert page.locator("img").count() == 0
-        assert page.evaluate("document.documentElement.scrollWidth") <= width
-        assert browse.barriers(page) == []
+        phone.set_viewport_size({"width": width, "height": 800})
+        phone.emulate_media(color_scheme=scheme)  # type: ignore[arg-type]
+        phone.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        assert phone.locator("img").count() == 0
+        assert phone.evaluate("document.documentElement.scrollWidth") <= width

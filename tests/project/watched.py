@@ -8,7 +8,7 @@ import numpy as np
 
 from tests.cli.commands import configure, run, write_log
 
-CHANGE = 40.0  # s
+CHANGE, RATE = 40.0, 100.0  # s, Hz
 SETTINGS = ("--block", 1, "--baseline", 25)
 
 
@@ -20,16 +20,21 @@ def result(folder: Path) -> Path:
     return folder / "out" / "result.json"
 
 
-def rows(seconds: float = 60.0, rate: float = 100.0) -> list[str]:
-    """Return the lines of a text file, the names of the columns first."""
-    t = np.arange(0, seconds, 1 / rate)
+def samples(
+    start: float, stop: float, rub: float | np.ndarray = 1.0, seed: int = 0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return t (N) in s, positions (N, 1) and forces (N, 1) of the slider, to and fro without a period."""
+    t = np.arange(round(start * RATE), round(stop * RATE)) / RATE
     x = 0.3 * np.sin(3 * t) + 0.1 * np.sin(1.7 * t)
     dx, ddx = 0.9 * np.cos(3 * t) + 0.17 * np.cos(1.7 * t), -2.7 * np.sin(3 * t) - 0.289 * np.sin(1.7 * t)
-    rub = np.where(t < CHANGE, 1.0, 1.5)
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     force = 5.0 * ddx + rub * (8.0 * dx + 3.0 * np.sign(dx)) + 0.5 + 0.3 * rng.standard_normal(len(t))
-    x = x + 1e-5 * rng.standard_normal(len(t))
-    return [
-        "time,pos,force",
-        *(f"{a!r},{b!r},{c!r}" for a, b, c in zip(t.tolist(), x.tolist(), force.tolist(), strict=True)),
-    ]
+    return t, (x + 1e-5 * rng.standard_normal(len(t)))[:, None], force[:, None]
+
+
+def rows(seconds: float = 60.0) -> list[str]:
+    """Return the lines of a text file, the names of the columns first."""
+    n = round(seconds * RATE)
+    signals = samples(0.0, seconds, np.where(np.arange(n) < CHANGE * RATE, 1.0, 1.5))
+    columns = zip(*(signal.ravel().tolist() for signal in signals), strict=True)
+    return ["time,pos,force", *(f"{a!r},{b!r},{c!r}" for a, b, c in columns)]

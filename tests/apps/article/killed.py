@@ -4,8 +4,6 @@ A study grows here by a few runs at a time, so that tables are merged as often a
 finds of those before goes to standard output. The attempts are forked, before Polars has threads: they start at once.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys
@@ -22,7 +20,7 @@ from dynident.models.simulation import Recording
 from dynident.runtime.jobs.cluster import code_version
 from tests.apps.article.work import LEVELS, Mean, Still
 
-KILLS, RUNS, STEP = 10, 80, 8
+KILLS, RUNS, STEP = 10, 40, 4
 
 
 class Slow(Mean):

@@ -6,7 +6,6 @@ import rich.console
 
 from dynident.apps.article import findings, study_page, study_tables, study_text
 from dynident.report.page import plotly_packed
-from dynident.report.terminal import TerminalTable
 from tests.report.conftest import TRUE, Case, Reproduction, cases
 
 
@@ -23,20 +22,10 @@ def exact(**changes):
     return Reproduction((replace(case, **changes),), runs=4)
 
 
-def test_findings_are_lines_computed_from_the_estimates(reproduction):
-    ranking, article, failures = findings(reproduction)
-    assert "1e-8: filtered differences 3.0" in ranking
-    assert "raw differences 0.0" in article
-    assert failures == "All 108 estimations succeeded."
-
-
-def test_findings_of_a_perfect_study():
+def test_findings_are_in_percent_of_the_true_value():
     lines = findings(exact())
     assert lines[0].endswith("1e-6: smoothing splines 0 %.")
     assert lines[1:] == ["All 4 estimations succeeded."]
-
-
-def test_the_distance_from_the_article_is_in_percent_of_the_true_value():
     printed = tuple(TRUE * 1.02)[:3] + (None,) * 4
     assert "of the true value: smoothing splines 2.0 %." in findings(exact(published_mean=printed))[1]
 
@@ -48,25 +37,6 @@ def test_a_method_that_always_fails_is_named_and_does_not_stop_the_report():
     assert lines[-1].startswith("4 of 4 estimations failed and are left out")
     assert lines[-1].endswith(": 4 of smoothing splines at 1e-6.")
     assert "sample mean of 4 estimates" in study_page(lost)
-
-
-def test_tables_are_numbered_and_laid_out_as_in_the_article(reproduction):
-    tables = study_tables(reproduction)
-    captions = [table.caption for table in tables]
-    assert [caption[:8] for caption in captions] == [f"Table {k}:" for k in range(2, 8)]
-    assert captions[1] == "Table 3: sample variance of 12 estimates, sigma_q^2 = 1e-8 rad^2"
-    assert [len(table.columns) for table in tables] == [8, 7] * 3
-    assert all(len(table.rows) == 7 for table in tables)
-
-
-def test_published_values_stand_beside_the_own_ones(reproduction):
-    shown = text_of(*map(TerminalTable, study_tables(reproduction)[:2]))
-    first = next(line for line in shown.splitlines() if line.startswith("theta1"))
-    assert first.split()[:2] == ["theta1", "0.03400"]
-    assert "0.0367" in shown
-    assert "1.23e-7" in shown
-    last = next(line for line in shown.splitlines() if line.strip().startswith("theta7"))
-    assert last.split()[3] == "-"
 
 
 def test_methods_and_levels_beyond_the_article_have_no_published_column():
@@ -82,16 +52,6 @@ def test_terminal_text_fits_eighty_columns_and_keeps_every_name(reproduction):
     assert "All 108 estimations succeeded." in shown
 
 
-def test_page_holds_tables_figures_and_settings(reproduction):
-    page = study_page(reproduction)
-    for k in range(2, 8):
-        assert f"<caption>Table {k}: sample" in page
-    assert "σq² = 1\u00a0×\u00a010⁻⁶ rad²</caption>" in page
-    assert page.count("<figure>") == 5
-    for text in ("figure 2)", "figure 3)", "Angular velocity of joint2", "1.13, 0.78 N m", "m2 lc2^2 + I2", "seed 1"):
-        assert text in page
-
-
 def with_bound(reproduction):
     """Least variances of one percent of each value."""
     return replace(reproduction, bounds=dict.fromkeys((1e-8, 1e-6, 1e-4), (0.01 * TRUE) ** 2))
@@ -104,9 +64,7 @@ def test_the_bound_stands_beside_the_variances(reproduction):
     assert len(tables[-1].rows) == 9
     near = next(line for line in findings(bounded) if "over the Cramér-Rao bound" in line)
     assert near.count("(at most ") == 3
-    page = study_page(bounded)
-    assert page.count("<figure>") == 6
-    assert "Ratios scatter by 20\u00a0%" in page
+    assert "Ratios scatter by 20\u00a0%" in study_page(bounded)
 
 
 def test_a_method_exactly_at_the_bound_has_ratio_one():
@@ -115,11 +73,9 @@ def test_a_method_exactly_at_the_bound_has_ratio_one():
     assert set(table.rows[0][2:9]) == {"1.0"}
 
 
-def test_page_stays_small(reproduction):
-    assert len(study_page(replace(reproduction, cases=tuple(cases(1000))))) - len(plotly_packed()) < 1_000_000
-
-
-def test_texts_are_escaped(reproduction):
-    page = study_page(replace(reproduction, scenario="<script>x", description="<b>y", settings={"<i>": "<u>z"}))
+def test_a_page_of_many_runs_is_small_and_its_texts_are_escaped(reproduction):
+    odd = {"scenario": "<script>x", "description": "<b>y", "settings": {"<i>": "<u>z"}}
+    page = study_page(replace(reproduction, cases=tuple(cases(1000)), **odd))
+    assert len(page) - len(plotly_packed()) < 1_000_000
     for text in ("<script>x", "<b>y", "<i>", "<u>z"):
         assert text not in page.split("</head>")[1]

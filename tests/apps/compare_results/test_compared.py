@@ -1,7 +1,5 @@
 """Results are read for a comparison without the robot's files, and say which recordings they are of."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

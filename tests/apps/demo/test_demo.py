@@ -1,7 +1,5 @@
 """The demo: a sound robot file, recordings as sensors make them, whole files, and fits against the truth."""
 
-from __future__ import annotations
-
 import runpy
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +17,7 @@ from dynident.checks import check_robot
 from dynident.identification import Calibration, Identification, TimeOffset
 from dynident.models import Model, RigidBodies, consistency_violations, to_physical
 from dynident.models.rigid_bodies import read_robot_file
+from dynident.motion.smoothers import smooth_log
 from dynident.runtime import InputError, Severity
 
 MADE = runpy.run_path(str(Path(__file__).parents[3] / "benchmarks" / "demo_files.py"))  # the files made anew
@@ -94,16 +93,15 @@ def test_the_arm_keeps_to_its_limits_and_to_its_reference(shipped: dict[str, pl.
         assert 1e-3 < np.abs(q - reference).max() < 0.15
 
 
-@pytest.mark.parametrize("day", DAYS, ids=lambda day: day.name)
-def test_the_torque_is_the_true_models_but_late_and_noisy(shipped: dict[str, pl.DataFrame], day) -> None:
-    """With the true values, offset and tilt, the residual has the size of the noise; with another offset it is more."""
-    from dynident.motion.log import Log
-    from dynident.motion.smoothers import Spline, smooth_log
-
-    truth, log = demo_truth(), shipped[day.name].head(1500)
+def log_of(table: pl.DataFrame) -> dy.Log:
     names = tuple(joint.name for joint in JOINTS)
-    q, tau = (log.select(f"{name}.{what}" for name in names).to_numpy() for what in ("position_rad", "torque_Nm"))
-    motion = smooth_log(Spline(sigma=2e-6), Log(log["time_s"].to_numpy(), q, tau, names, day.name))
+    q, tau = (table.select(f"{name}.{what}" for name in names).to_numpy() for what in ("position_rad", "torque_Nm"))
+    return dy.Log(table["time_s"].to_numpy(), q, tau, names, "monday")
+
+
+def test_the_torque_is_the_true_models_but_late_and_noisy(shipped: dict[str, pl.DataFrame]) -> None:
+    """With the true values, offset and tilt, the residual has the size of the noise; with another offset it is more."""
+    truth, motion = demo_truth(), smooth_log(dy.Spline(sigma=2e-6), log_of(shipped["monday"].head(1500)))
 
     def residual(offset: float) -> np.ndarray:
         at = motion.shift(offset)
@@ -174,16 +172,13 @@ def test_what_cannot_be_read_is_another_file(tmp_path: Path, monkeypatch: pytest
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> Identification:
+def found(shipped: dict[str, pl.DataFrame]) -> Identification:
     """Least squares, with the true time offset and tilt, for speed."""
-    table = pl.read_parquet(demo_files(tmp_path_factory.mktemp("arm")) / "monday.parquet")
-    names = tuple(joint.name for joint in JOINTS)
-    q, tau = (table.select(f"{name}.{what}" for name in names).to_numpy() for what in ("position_rad", "torque_Nm"))
     bodies = dy.RigidBodies(urdf(), source="arm.urdf")
     terms = (bodies, *(term(bodies.joints) for term in (dy.RotorInertia, dy.Viscous, dy.Coulomb, dy.Offset)))
     truth = demo_truth()
     recipe = dy.Recipe(dy.Spline(), dy.LeastSquares(), time_offset=truth.time_offset, base_tilt=truth.tilt)
-    return dy.identify(Model(terms), {"monday": dy.Log(table["time_s"], q, tau, names)}, recipe=recipe)
+    return dy.identify(Model(terms), {"monday": log_of(shipped["monday"])}, recipe=recipe)
 
 
 def test_a_fit_is_near_the_truth_and_the_file_is_not(found: Identification) -> None:

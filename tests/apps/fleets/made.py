@@ -1,7 +1,5 @@
 """A fleet of small simulated arms, for tests."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -31,6 +31,14 @@ GROUPS = (
 )
 
 
+CARRIED = np.array([0.02, 0.0, 0.05])
+
+
+def carries(log, value):
+    """Add a payload from the log 10 on."""
+    value += (log >= 10) * GROUPS[PAYLOAD].directions @ CARRIED
+
+
 def robot(rng, name, truth, logs, change=lambda log, value: None, rows=40):
     """A robot whose standard errors are 2 % of the size, and 1.5 times too small."""
     values, information = [], []

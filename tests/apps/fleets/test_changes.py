@@ -1,24 +1,28 @@
 """Changes of robots are found, quiet ones stay quiet, and what a type shares is told."""
 
 import numpy as np
-import pytest
-from scipy.stats import binom
 
 from dynident.apps.fleets import ChangeShape, History, find_changes, pool_robots
 from dynident.apps.fleets.changes import course
 from dynident.apps.fleets.components import scatter_of
 from dynident.apps.fleets.result import baseline
-from tests.apps.fleets.simulated import FRICTION_A, GROUPS, OFFSET_B, PAYLOAD, RIPPLE, SIZE, B, fleet, robot
-
-CARRIED = np.array([0.02, 0.0, 0.05])
+from tests.apps.fleets.simulated import (
+    CARRIED,
+    FRICTION_A,
+    GROUPS,
+    OFFSET_B,
+    PAYLOAD,
+    RIPPLE,
+    SIZE,
+    B,
+    carries,
+    fleet,
+    robot,
+)
 
 
 def rubs(log: int, value: np.ndarray) -> None:
     value[4:6] *= 1 + 0.5 * max(log - 3, 0) / 12
-
-
-def carries(log: int, value: np.ndarray) -> None:
-    value += (log >= 10) * GROUPS[PAYLOAD].directions @ CARRIED
 
 
 def slips(log: int, value: np.ndarray) -> None:
@@ -38,32 +42,11 @@ FAULTS = {1: rubs, 3: carries, 5: slips, 7: wears, 8: both}
 FOUND = {(1, FRICTION_A), (3, PAYLOAD), (5, OFFSET_B), (7, RIPPLE), (8, FRICTION_A), (8, PAYLOAD)}
 
 
-@pytest.mark.parametrize(
-    ("robots", "logs", "fleets", "odd_logs"), [(10, 10, 10, 0.0), (10, 3, 10, 0.0), (2, 12, 16, 0.0), (12, 12, 6, 0.05)]
-)
-def test_quiet_robots_are_flagged_no_more_often_than_said(robots: int, logs: int, fleets: int, odd_logs: float) -> None:
-    """Of 304 robots in all; more than these counts had a probability of 1e-3 at the rate stated. Odd logs have errors
-    five times as large: tails that the fleet shows raise no alarms."""
-    rng, chances, flagged, rate = np.random.default_rng(robots * logs), [], 0, 0.05
-    for _ in range(fleets):
-        histories = fleet(rng, robots, logs)
-        for history in histories:
-            mean, odd = history.value.mean(axis=0), rng.random(logs) < odd_logs
-            history.value[odd] = mean + 5 * (history.value[odd] - mean)
-        found = find_changes(histories, GROUPS, rng, rate=rate, draws=100)
-        chances += found.p_values.values()
-        flagged += len({change.robot for change in found.changes})
-    assert len(chances) == robots * fleets
-    assert flagged == sum(chance <= rate for chance in chances)
-    assert flagged <= binom.ppf(0.999, len(chances), rate)
-    assert odd_logs or sum(chance <= 0.3 for chance in chances) <= binom.ppf(0.999, len(chances), 0.3)
-
-
 def test_large_fleets_are_not_judged_too_mildly() -> None:
     """With 190 degrees of freedom the p-values are nearly uniform, so that small changes are found, too."""
     rng = np.random.default_rng(5)
     chances = np.concatenate(
-        [list(find_changes(fleet(rng, 10, 20), GROUPS, rng, draws=100).p_values.values()) for _ in range(5)]
+        [list(find_changes(fleet(rng, 10, 20), GROUPS, rng, draws=60).p_values.values()) for _ in range(4)]
     )
     assert np.mean(chances <= 0.4) > 0.2
 
@@ -139,7 +122,7 @@ def test_what_a_log_does_not_show_changes_nothing() -> None:
 
 
 def test_draws_depend_on_the_generator_alone() -> None:
-    histories = fleet(np.random.default_rng(7), 4, 8, {2: carries})
+    histories = fleet(np.random.default_rng(7), 3, 4)
     one, other = (find_changes(histories, GROUPS, np.random.default_rng(1), draws=50) for _ in range(2))
     assert one.p_values == other.p_values
 
@@ -197,19 +180,6 @@ def test_posteriors_hold_the_truth() -> None:
             new.append((one.value - beta) / one.std)
     for scores in (old, new):
         assert 0.75 < np.sqrt(np.mean(np.square(scores))) < 1.3
-
-
-def test_a_new_robot_is_nearer_to_the_truth_by_what_it_borrows() -> None:
-    rng = np.random.default_rng(3)
-    _, found, type_ = shared(rng)
-    own, mean, borrowed = [], [], []
-    for _ in range(60):
-        beta = SIZE * (1 + SPREAD * rng.standard_normal(B))
-        log = robot(rng, "new", beta, 1, rows=13)
-        one = type_.borrow("new", log.value[0], found.scatter.with_scatter(log.information[0]))
-        for errors, value in ((own, log.value[0]), (mean, type_.mean), (borrowed, one.value)):
-            errors.append(np.linalg.norm((value - beta) / SIZE))
-    assert np.median(borrowed) < 0.8 * min(np.median(own), np.median(mean))
 
 
 def test_borrowing_is_between_the_value_and_the_mean() -> None:

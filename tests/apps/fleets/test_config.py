@@ -1,7 +1,5 @@
 """The configuration of a fleet: its logs by pattern and by table, their dates and folders."""
 
-from __future__ import annotations
-
 import re
 import string
 from datetime import date, datetime
@@ -14,9 +12,7 @@ import pytest
 from dynident.apps.fleets.config import (
     FleetLog,
     FleetSettings,
-    RobotChanges,
     fleet_logs,
-    fleet_schema,
     folder_names,
     parse_date,
     read_fleet_settings,
@@ -29,6 +25,8 @@ SAFE = set(string.ascii_letters + string.digits + "._-=")
 
 
 def test_no_two_names_share_a_folder_and_none_leaves_it() -> None:
+    usual = ["arm-07", "UR10e_3", "2026-11-22T10.30"]
+    assert folder_names(usual) == dict(zip(usual, usual, strict=True))
     found = folder_names(NAMES)
     assert list(found) == NAMES
     assert len({one.casefold() for one in found.values()}) == len(NAMES)
@@ -37,11 +35,6 @@ def test_no_two_names_share_a_folder_and_none_leaves_it() -> None:
         assert 0 < len(one) <= 80
         assert not one.startswith(".")
         assert not one.endswith(".")
-
-
-def test_usual_names_stay_as_they_are() -> None:
-    names = ["arm-07", "UR10e_3", "2026-11-22T10.30"]
-    assert folder_names(names) == dict(zip(names, names, strict=True))
 
 
 LOGS = "logs: logs/{robot}/{date}.csv\n"
@@ -72,13 +65,6 @@ def test_what_is_wrong_is_named(tmp_path: Path, text: str, words: str) -> None:
         read(tmp_path, text)
 
 
-def test_the_schema_has_all_keys_and_no_others() -> None:
-    schema = fleet_schema()
-    assert schema["properties"].keys() == FleetSettings.model_fields.keys()
-    assert schema["$defs"]["RobotChanges"]["properties"].keys() == RobotChanges.model_fields.keys()
-    assert schema["additionalProperties"] is False
-
-
 DAY = datetime(2026, 11, 22)
 
 
@@ -97,14 +83,11 @@ def listed(folder: Path, **given: Any) -> list[FleetLog]:
     return fleet_logs(settings(**given), folder)[0]
 
 
-def test_fields_of_a_pattern_are_found(tmp_path: Path) -> None:
+def test_a_pattern_has_fields_may_cross_folders_and_name_the_type_or_a_field_twice(tmp_path: Path) -> None:
     touched(tmp_path, "site/a[1]/2026-11-22.csv", "site/b/2026-11-23.csv", "site/b/x/2026-11-23.csv", "site/b/n.txt")
     found = listed(tmp_path, logs="si?e/{robot}/{date}.csv")
     assert [(one.robot, one.date) for one in found] == [("a[1]", DAY), ("b", datetime(2026, 11, 23))]
     assert all(one.stamp and not one.fault for one in found)
-
-
-def test_a_pattern_may_cross_folders_and_name_the_type_or_a_field_twice(tmp_path: Path) -> None:
     touched(tmp_path, "x/y/ur10_r1_20261122.csv", "ur5_r2_20261122.csv", "a/a-2026-11-22.csv", "a/b-2026-11-22.csv")
     found = listed(tmp_path, logs="**/{type}_{robot}_{date}.csv")
     assert [(one.type, one.robot) for one in found] == [("ur10", "r1"), ("ur5", "r2")]

@@ -1,7 +1,5 @@
 """Residuals that change by themselves, and logs that are not what they are taken for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +13,6 @@ import dynident as dy
 from dynident.apps.fleets import ChangeShape, History, find_changes, residual_groups
 from dynident.apps.fleets.components import scatter_of
 from dynident.apps.fleets.doubts import (
-    _duplicate_warnings,
     _misfit_warnings,
     _rest_warnings,
     _simultaneous_change_warnings,
@@ -26,7 +23,7 @@ from dynident.apps.fleets.report import fleet_findings
 from dynident.models import Joint
 from dynident.regression import GroupKind, ParameterGroup
 from tests.apps.fleets.made import FLEET, RECIPE, write_log
-from tests.apps.fleets.simulated import FRICTION_A, GROUPS, OFFSET_B, PAYLOAD, SIZE, fleet
+from tests.apps.fleets.simulated import FRICTION_A, GROUPS, OFFSET_B, SIZE, carries, fleet
 
 JOINTS = Joint("a"), Joint("b"), Joint("rail", "prismatic")
 FEW_DRAWS = {"rate": 0.05, "draws": 200}  # the smaller the rate, the more draws
@@ -48,10 +45,6 @@ def grows(log: int) -> np.ndarray:
     return np.array([0.0, 0.05 * max(log - 5, 0), 0.0])
 
 
-def carries(log: int, value: np.ndarray) -> None:
-    value += (log >= 10) * GROUPS[PAYLOAD].directions @ [0.02, 0.0, 0.05]
-
-
 def steps(log: int) -> np.ndarray:
     return 0.4 * (log >= 10) * np.ones(3)
 
@@ -64,19 +57,29 @@ def test_the_residual_of_each_joint_is_a_group_in_units_of_its_torque() -> None:
     np.testing.assert_array_equal(np.hstack([one.directions for one in groups]), np.eye(3))
 
 
-@pytest.mark.parametrize(("robots", "logs", "fleets"), [(10, 10, 6), (3, 4, 14)])
-def test_quiet_robots_are_flagged_no_more_often_than_said(robots: int, logs: int, fleets: int) -> None:
-    """A count above these has a probability of 1e-3 at the rate stated."""
-    rng, chances, flagged, rate = np.random.default_rng(robots + logs), [], 0, 0.05
+@pytest.mark.parametrize(
+    ("robots", "logs", "fleets", "odd_logs", "has_residuals"),
+    [(10, 3, 10, 0.0, False), (2, 12, 16, 0.0, False), (12, 12, 5, 0.05, True), (3, 4, 14, 0.0, True)],
+)
+def test_quiet_robots_are_flagged_no_more_often_than_said(
+    robots: int, logs: int, fleets: int, odd_logs: float, has_residuals: bool
+) -> None:
+    """Of 234 robots in all; more than these counts had a probability of 1e-3 at the rate stated. Odd logs have errors
+    five times as large: tails that the fleet shows raise no alarms."""
+    rng, chances, flagged, rate = np.random.default_rng(robots * logs), [], 0, 0.05
     for _ in range(fleets):
         histories = fleet(rng, robots, logs)
-        left = residuals(rng, histories)
-        found = find_changes_and_residuals(histories, GROUPS, left, JOINTS, rng, rate=rate, draws=100)
+        for history in histories:
+            mean, odd = history.value.mean(axis=0), rng.random(logs) < odd_logs
+            history.value[odd] = mean + 5 * (history.value[odd] - mean)
+        left = residuals(rng, histories) if has_residuals else []
+        found = find_changes_and_residuals(histories, GROUPS, left, JOINTS, rng, rate=rate, draws=60)
         chances += found.p_values.values()
         flagged += len({one.robot for one in found.changes})
         assert found.rate == rate
-    assert flagged <= binom.ppf(0.999, len(chances), rate)
-    assert sum(chance <= rate for chance in chances) <= binom.ppf(0.999, len(chances), rate)
+    assert len(chances) == robots * fleets
+    assert flagged <= sum(chance <= rate for chance in chances) <= binom.ppf(0.999, len(chances), rate)
+    assert has_residuals or sum(chance <= 0.3 for chance in chances) <= binom.ppf(0.999, len(chances), 0.3)
 
 
 def test_a_residual_that_grows_is_found_at_its_joint_beside_a_change_of_parameters() -> None:
@@ -105,7 +108,7 @@ def test_a_residual_that_a_change_of_parameters_explains_is_left_out(late: int, 
     assert len(found.changes) == len(found.of("robot4"))
 
 
-@pytest.mark.parametrize(("odd", "seed"), [(0, 0), (0, 1), (1, 2), (2, 3), (3, 4), (3, 5)])
+@pytest.mark.parametrize(("odd", "seed"), [(0, 0), (1, 2), (2, 3), (3, 4)])
 def test_one_odd_log_is_no_change_of_a_residual(odd: int, seed: int) -> None:
     """Of few robots no other log says that such logs are."""
     rng = np.random.default_rng(seed)
@@ -145,7 +148,7 @@ def test_a_ripple_that_the_recipe_does_not_have_is_flagged_at_its_joint(tmp_path
                 ripple = 0.1 * k * (12 * pl.col("q2")).sin()
                 pl.read_csv(path).with_columns(tau2=pl.col("tau2") + ripple).write_csv(path)
     (tmp_path / "robot.yaml").write_text(RECIPE)
-    (tmp_path / "fleet.yaml").write_text(FLEET)
+    (tmp_path / "fleet.yaml").write_text(FLEET + "false_alarms: 0.05\n")  # the smaller, the more draws
     found = dy.fleet(tmp_path / "fleet.yaml", tmp_path / "out")
     changes = found.changes[0].changes
     assert {(one.robot, one.group.kind, one.group.joint) for one in changes} == {("arm-1", GroupKind.RESIDUAL, "elbow")}
@@ -169,7 +172,7 @@ def later(index: int, size: float):
 
 
 def test_quiet_robots_have_nothing_in_common() -> None:
-    for seed in range(12):
+    for seed in range(8):
         rng = np.random.default_rng(seed)
         assert together(fleet(rng, 6, 8), rng) == ()
 
@@ -199,15 +202,6 @@ def test_of_few_robots_nothing_is_said(robots: int, logs: int) -> None:
     assert common_groups(histories, GROUPS, scatter, rng) == ()
 
 
-def test_the_same_recording_under_two_names_is_named() -> None:
-    one, two = fleet(np.random.default_rng(4), 2, 3)
-    assert list(_duplicate_warnings([one, two])) == []
-    value = two.value.copy()
-    value[2] = one.value[0]
-    (words,) = _duplicate_warnings([one, replace(two, value=value)])
-    assert "log0 (robot0) = log2 (robot1)" in words
-
-
 def test_a_log_at_rest_is_named() -> None:
     one, two = fleet(np.random.default_rng(5), 2, 3)
     assert list(_rest_warnings([one, two])) == []
@@ -219,21 +213,6 @@ def test_a_log_at_rest_is_named() -> None:
     assert list(_rest_warnings([])) == []
 
 
-def test_a_robot_of_which_everything_changes_with_one_log_is_doubted() -> None:
-    rng = np.random.default_rng(6)
-
-    def swapped(log: int, value: np.ndarray) -> None:
-        value *= 1 if log < 5 else 3
-
-    found = find_changes(fleet(rng, 6, 8, {2: swapped}), GROUPS, rng)
-    (words,) = _simultaneous_change_warnings(found, len(GROUPS))
-    assert words.startswith("robot2: ")
-    assert "log5" in words
-    found = find_changes(fleet(rng, 6, 8, {2: later(9, 1.0)}), GROUPS, rng)
-    assert [one.group.kind for one in found.changes] == [GroupKind.OFFSET]
-    assert list(_simultaneous_change_warnings(found, len(GROUPS))) == []
-
-
 @pytest.mark.parametrize(
     ("changed", "groups", "doubted"),
     [(1, 2, False), (2, 2, True), (2, 3, True), (2, 4, False), (3, 4, True), (2, 9, False), (3, 9, True)],
@@ -243,7 +222,9 @@ def test_a_log_is_doubted_where_most_of_what_can_change_does(changed: int, group
         SimpleNamespace(shape=ChangeShape.STEP, robot="r", since="log5", group=SimpleNamespace(kind=kind, joint="a"))
         for kind in list(GroupKind)[:changed]
     ]
-    assert bool(list(_simultaneous_change_warnings(SimpleNamespace(changes=steps), groups))) is doubted
+    warnings = list(_simultaneous_change_warnings(SimpleNamespace(changes=steps), groups))
+    assert len(warnings) == doubted
+    assert all(words.startswith("r: ") and "log5" in words for words in warnings)
 
 
 def test_logs_that_fit_far_worse_than_others_of_their_type_are_named() -> None:

@@ -1,7 +1,5 @@
 """The recipe of a fleet, and what one log says of the base parameters."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +8,7 @@ import pytest
 import dynident as dy
 from dynident.apps.fleets.config import fleet_logs, read_fleet_settings
 from dynident.apps.fleets.fit import information_of, model_of
-from dynident.apps.fleets.recipe import FleetRecipe, fleet_recipe, merge_settings
+from dynident.apps.fleets.recipe import FleetRecipe, fleet_recipe
 from dynident.files.yaml_text import load_yaml
 from dynident.identification import Recipe, identify, tilt_base
 from dynident.models import Model
@@ -34,13 +32,6 @@ def recipe_of(folder: Path, fleet: str = FLEET, recipe: str = RECIPE) -> FleetRe
     settings = read_fleet_settings(folder / "fleet.yaml")
     logs, _ = fleet_logs(settings, folder)
     return fleet_recipe(settings, logs, folder, None)
-
-
-def test_settings_are_merged_key_by_key() -> None:
-    recipe = {"model": {"file": "a.urdf", "terms": []}, "time_offset": 0}
-    found = merge_settings(recipe, {"model": {"file": "b.urdf"}, "time_offset": 1, "zero": {"a": 2}})
-    assert found == {"model": {"file": "b.urdf", "terms": []}, "time_offset": 1, "zero": {"a": 2}}
-    assert recipe == {"model": {"file": "a.urdf", "terms": []}, "time_offset": 0}
 
 
 def test_a_recipe_is_another_one_where_settings_or_files_differ(folder: Path) -> None:
@@ -114,13 +105,13 @@ def test_errors_are_as_large_as_the_information_says(tmp_path: Path) -> None:
     model = arm(tmp_path)
     basis = structural_base_parameters(model)
     true, distances = basis.to_base(truth(model)), []
-    for seed in range(10):
+    for seed in range(6):
         found = identify(model, [logged(model, seed)], recipe=GCV_RECIPE)
         value, information, residual = information_of(found, basis)
         error = value - true
         distances.append(error @ information @ error)
         np.testing.assert_allclose(residual, list(found.validations[0].errors.rmse.values()), rtol=0.05)
-    assert 0.6 < np.mean(distances) / basis.rank < 1.5  # chi-squared with 100 degrees of freedom, over these
+    assert 0.6 < np.mean(distances) / basis.rank < 1.5  # chi-squared with 60 degrees of freedom, over these
 
 
 def test_what_a_motion_does_not_show_has_no_information(tmp_path: Path) -> None:

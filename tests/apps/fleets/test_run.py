@@ -1,7 +1,5 @@
 """A fleet from its files to its table: what is done once, what fails, what is said."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Iterable, Iterator
@@ -69,6 +67,8 @@ def test_base_parameters_are_near_the_truth_for_their_information(made: Path, pl
     assert history.days.tolist() == [0.0, 1.0]
     distance = np.einsum("ki,kij,kj->k", error, history.information, error) / len(found.base.names)
     assert (distance < 3.0).all()  # of chi-squared with 10 degrees of freedom, over these
+    rows = table(made / "out").drop("stamp", "recipe", strict=False).rows(named=True)
+    check_kept("fleet_table", "\n".join(line for row in rows for line in facts({**row}, row["log"])))
 
 
 def identified_again(found: FleetResult, made: Path) -> set[str]:
@@ -156,12 +156,6 @@ def test_logs_that_are_not_what_they_are_taken_for_are_said(fleet: Path) -> None
     assert "logs/arm-1/2026-01-01.csv (arm-1) = logs/arm-2/2026-01-09.csv (arm-2)" in words
 
 
-def test_the_table_is_the_same_whatever_computes_it(made: Path, tmp_path: Path) -> None:
-    with local_workers(1) as executor:
-        dy.fleet(made / "fleet.yaml", tmp_path / "other", executor=executor)
-    assert table(tmp_path / "other").equals(table(made / "out"))
-
-
 def test_a_fleet_that_stops_goes_on_where_it_stopped(made: Path, tmp_path: Path, monkeypatch: Any) -> None:
     def stopped(*given: object, **how: object) -> Iterator[Result]:
         found = run_jobs(*given, **how)  # type: ignore[arg-type]
@@ -173,7 +167,8 @@ def test_a_fleet_that_stops_goes_on_where_it_stopped(made: Path, tmp_path: Path,
     with pytest.raises(InputError, match=r"a worker has died\. Finished rows are kept in"):
         dy.fleet(made / "fleet.yaml", tmp_path / "out")
     monkeypatch.setattr(row_store, "run_jobs", run_jobs)
-    assert dy.fleet(made / "fleet.yaml", tmp_path / "out").identified_count == 1
+    with local_workers(1) as executor:  # whatever computes it
+        assert dy.fleet(made / "fleet.yaml", tmp_path / "out", executor=executor).identified_count == 1
     assert table(tmp_path / "out").equals(table(made / "out"))
 
 
@@ -199,7 +194,7 @@ def test_robots_with_other_parameters_cannot_be_compared(fleet: Path) -> None:
 
 
 def test_runs_have_reports_in_folders_of_their_own(made: Path, tmp_path: Path) -> None:
-    logs = ("ARM/day.csv", "arm/day.csv", "a m/day.csv", "a m/day.txt")
+    logs = "ARM/day.csv", "arm/day.csv", "arm/day.txt"
     for log in logs:
         (tmp_path / "logs" / log).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(made / LOGS[0], tmp_path / "logs" / log)
@@ -210,10 +205,9 @@ def test_runs_have_reports_in_folders_of_their_own(made: Path, tmp_path: Path) -
     (tmp_path / "fleet.yaml").write_text("recipe: robot.yaml\ntable: runs.csv\n")
     out = tmp_path / "out"
     rows = dy.fleet(tmp_path / "fleet.yaml", out).rows.to_dicts()
-    assert [row["status"] for row in rows] == ["ok"] * 4
-    assert len({row["folder"].casefold() for row in rows}) == 4
-    assert [len(row["held_out"]) for row in rows] == [0, 0, 2, 0]
-    assert [row["verdict"] is None for row in rows] == [True, True, False, True]
+    assert [row["status"] for row in rows] == ["ok"] * 3
+    assert len({row["folder"].casefold() for row in rows}) == 3
+    assert sorted((len(row["held_out"]), row["verdict"] is None) for row in rows) == [(0, True), (0, True), (2, False)]
     for row in rows:
         assert (out / row["folder"] / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
         assert dy.load(out / row["folder"] / "result.json").provenance.logs[0].path == str(tmp_path / row["log"])
@@ -243,8 +237,3 @@ def test_wrong_settings_are_refused_before_the_work(fleet: Path, text: str, erro
     with pytest.raises(error, match=words):
         dy.fleet(fleet, fleet.parent / "new")
     assert not (fleet.parent / "new").exists()
-
-
-def test_the_table_of_a_fleet_stays(made: Path) -> None:
-    rows = table(made / "out").drop("stamp", "recipe", strict=False).rows(named=True)
-    check_kept("fleet_table", "\n".join(line for row in rows for line in facts({**row}, row["log"])))

@@ -1,7 +1,5 @@
 """Blocks of scores without a robot: base parameters of three groups, and what is left at two joints."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

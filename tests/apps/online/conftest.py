@@ -1,7 +1,5 @@
 """Watchers of the same settings share the threshold, whose simulation takes most of the time to make one."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

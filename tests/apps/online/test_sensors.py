@@ -1,7 +1,5 @@
 """Sensors that fail are seen at once, and those that do not are left alone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -10,8 +8,8 @@ from dynident.apps.online import Back, Fault, FaultKind, Signal
 from dynident.apps.online.sensors import Sensors
 from dynident.runtime.arrays import Array
 
-RATE, START, STOP = 125.0, 14.0, 24.0
-T = np.arange(0, 28, 1 / RATE)
+RATE, START, STOP = 125.0, 10.0, 20.0
+T = np.arange(3000) / RATE
 BEGIN, END = round(START * RATE), round(STOP * RATE)
 COUNT = 2 * np.pi / 2**19
 
@@ -24,6 +22,14 @@ def recorded(count: float = COUNT, rests: bool = False) -> tuple[Array, Array]:
     return count * np.round(q / count), 0.01 * np.round((3 * q + 0.2 * rng.standard_normal(q.shape)) / 0.01)
 
 
+def fault_seen(q: Array, tau: Array) -> tuple[Fault, Back, NDArray[np.bool_]]:
+    """Return the only fault, its end, and the rows that are used."""
+    (fault, back), rows = seen(q, tau)
+    assert isinstance(fault, Fault)
+    assert isinstance(back, Back)
+    return fault, back, rows
+
+
 def seen(q: Array, tau: Array, velocity: float | None = 3.0) -> tuple[list[Fault | Back], NDArray[np.bool_]]:
     sensors, events, rows = Sensors(("one", "two"), (velocity, velocity)), list[Fault | Back](), np.zeros(0, dtype=bool)
     while len(rows) < len(T):
@@ -34,10 +40,7 @@ def seen(q: Array, tau: Array, velocity: float | None = 3.0) -> tuple[list[Fault
     return events, rows
 
 
-@pytest.mark.parametrize(
-    ("count", "rests", "velocity"),
-    [(COUNT, False, 3.0), (COUNT, True, None), (2 * np.pi / 2**12, True, 3.0), (2 * np.pi / 2**12, False, None)],
-)
+@pytest.mark.parametrize(("count", "rests", "velocity"), [(COUNT, True, None), (2 * np.pi / 2**12, True, 3.0)])
 def test_sound_sensors_are_left_alone(count: float, rests: bool, velocity: float | None) -> None:
     events, rows = seen(*recorded(count, rests), velocity)
     assert events == []
@@ -53,8 +56,7 @@ def test_samples_that_are_logged_several_times_and_torques_that_never_were_are_n
 def test_an_encoder_that_freezes_is_seen_within_a_tenth_of_a_second() -> None:
     q, tau = recorded()
     q[BEGIN:END, 1] = q[BEGIN, 1]
-    (fault, back), rows = seen(q, tau)
-    assert (type(fault), type(back)) == (Fault, Back)
+    fault, back, rows = fault_seen(q, tau)
     assert (fault.kind, fault.signal, fault.joint, fault.since) == (FaultKind.FROZEN, Signal.POSITION, "two", START)
     assert START < fault.time < START + 0.1
     assert STOP < back.time < STOP + 0.1
@@ -66,8 +68,8 @@ def test_a_position_that_does_not_change_while_another_does_is_said() -> None:
     """A coarse encoder at a slow joint stops as one that comes to rest."""
     q, tau = recorded(2 * np.pi / 2**10)
     q[BEGIN:END, 1] = q[BEGIN, 1]
-    (fault, back), rows = seen(q, tau)
-    assert (type(fault), fault.kind, type(back)) == (Fault, FaultKind.STILL, Back)
+    fault, _, rows = fault_seen(q, tau)
+    assert fault.kind is FaultKind.STILL
     assert START + 5 <= fault.time < START + 9
     assert not rows[round(fault.time * RATE) + 1 : END].any()
     assert rows[:BEGIN].all()
@@ -77,8 +79,7 @@ def test_a_position_that_does_not_change_while_another_does_is_said() -> None:
 def test_no_numbers_are_seen_after_three_samples(signal: Signal) -> None:
     q, tau = recorded()
     (q if signal is Signal.POSITION else tau)[BEGIN:END, 0] = np.nan
-    (fault, back), rows = seen(q, tau)
-    assert (type(fault), type(back)) == (Fault, Back)
+    fault, _, rows = fault_seen(q, tau)
     assert (fault.kind, fault.signal, fault.joint) == (FaultKind.MISSING, signal, "one")
     assert fault.time == T[BEGIN + 2]
     assert not rows[BEGIN : BEGIN + 2].any()
@@ -100,16 +101,6 @@ def test_a_joint_that_is_known_to_rest_is_not_still_until_it_moved_again() -> No
     assert not sensors.excused.any()
 
 
-def test_of_a_torque_without_a_number_the_other_joints_are_heard() -> None:
-    q, tau = recorded()
-    tau[BEGIN:END, 0] = np.nan
-    found = Sensors(("one", "two"), (3.0, 3.0)).check(T, q, tau)
-    assert found.torque_usable[:, 1].all()
-    assert not found.torque_usable[BEGIN + 2 : END, 0].any()
-    assert found.torque_usable[: BEGIN + 2, 0].all()
-    assert found.cuts == ()
-
-
 def test_a_single_missing_number_is_only_left_out() -> None:
     q, tau = recorded()
     tau[[0, BEGIN], 0] = np.nan
@@ -123,8 +114,7 @@ def test_a_torque_that_freezes_while_the_robot_moves_is_seen_in_about_a_second(f
     q, tau = recorded()
     tau += fine * np.random.default_rng(1).standard_normal(tau.shape)  # no two values are equal
     tau[BEGIN:END, 1] = 0.0
-    (fault, back), _ = seen(q, tau)
-    assert (type(fault), type(back)) == (Fault, Back)
+    fault, *_ = fault_seen(q, tau)
     assert (fault.kind, fault.signal, fault.joint) == (FaultKind.FROZEN, Signal.TORQUE, "two")
     assert START + 0.9 < fault.time < START + 2.5
 

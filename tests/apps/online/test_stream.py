@@ -1,7 +1,5 @@
 """Samples from lines as they come, of files that grow, are rotated, cut, or read on after a kill."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import os
@@ -135,7 +133,9 @@ def test_lines_that_cannot_be_read_are_counted(tmp_path: Path) -> None:
     assert (found.bad.count, found.bad.line, found.bad.text) == (4, 2, "0,1")
 
 
-def test_a_missing_column_is_said_at_once(tmp_path: Path) -> None:
+def test_a_missing_column_and_a_recording_of_several_files_are_said_at_once(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="watched by one stream"):
+        reader(tmp_path, "{ x: a.csv, y: b.csv }")
     with pytest.raises(ConfigError, match=r"arm.csv: no column 'm.1'"):
         reader(tmp_path).push(["t,a,b,m.0,m1", "0,1,1,1,1"])
     with pytest.raises(ConfigError, match=r"no column 'm.1'"):
@@ -169,11 +169,6 @@ def test_a_saved_reader_goes_on(tmp_path: Path) -> None:
     assert other.line == 3
 
 
-def test_several_files_for_a_recording_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="watched by one stream"):
-        reader(tmp_path, "{ x: a.csv, y: b.csv }")
-
-
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
     path = tmp_path / "log.csv"
@@ -193,11 +188,6 @@ def file(log: Path) -> Iterator[FollowedFile]:
 def add(path: Path, text: bytes) -> None:
     with open(path, "ab") as file:
         file.write(text)
-
-
-def test_what_is_added_is_read(log: Path, file: FollowedFile) -> None:
-    add(log, b"2\n3\n")
-    assert file.read() == (b"2\n3\n", False, False)
 
 
 def test_a_rotated_file_is_read_to_its_end_and_then_the_next(log: Path, file: FollowedFile) -> None:
@@ -235,12 +225,6 @@ def test_a_saved_position_is_read_on_from_where_the_file_is_found(log: Path, fil
         assert [other.read() for _ in reads] == reads
 
 
-def test_a_standard_input_that_is_closed_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "stdin", None)
-    with pytest.raises(InputError, match="standard input is closed"):
-        StandardInput()
-
-
 def test_a_pipe_is_read_while_its_writer_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     reader, writer = os.pipe()
     with closing(os.fdopen(writer, "wb", buffering=0)) as pipe, os.fdopen(reader, "r") as standard_input:
@@ -250,7 +234,10 @@ def test_a_pipe_is_read_while_its_writer_goes_on(monkeypatch: pytest.MonkeyPatch
         assert StandardInput().read() == (b"0.0,1.0\n", False, False)
 
 
-def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
+def test_what_is_no_file_or_closed_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", None)
+    with pytest.raises(InputError, match="standard input is closed"):
+        StandardInput()
     with pytest.raises(InputError, match="there is no such file"):
         FollowedFile(tmp_path / "none.csv")
     with pytest.raises(InputError, match="it is a folder"):
@@ -283,22 +270,25 @@ ANY_LINE = st.one_of(
 )  # fmt: skip
 
 
-@settings(max_examples=150, deadline=None)
-@given(lines=st.lists(ANY_LINE, max_size=4), cuts=st.lists(st.integers(0, 10_000), max_size=3))
-def test_any_bytes_between_two_rows_are_samples_or_counted(lines: list[bytes], cuts: list[int]) -> None:
+@settings(max_examples=100, deadline=None)
+@given(
+    lines=st.lists(ANY_LINE, max_size=4),
+    cuts=st.lists(st.integers(0, 10_000), max_size=3),
+    wraps=st.sampled_from(["", "wraps: 360, "]),
+)
+def test_any_bytes_between_two_rows_are_samples_or_counted(lines: list[bytes], cuts: list[int], wraps: str) -> None:
     lines = [line.replace(b"\n", b"") for line in lines]
-    for wraps in ("", "wraps: 360, "):
-        samples = reader(Path(), **{"column: a, unit": f"column: a, {wraps}unit:"})
-        stream = LineReader()
-        data = b"".join(line + b"\n" for line in (HEAD.encode(), ROWS[0].encode(), *lines, ROWS[1].encode()))
-        parts = [samples.push(stream.push(data[a:b])) for a, b in itertools.pairwise([0, *sorted(cuts), len(data)])]
-        said = sum(len(part.t) + (part.bad.count if part.bad else 0) for part in parts)
-        texts = [line.decode("utf-8", "replace").lstrip("\ufeff").strip() for line in lines]
-        silent = sum(not text or text[0] in "#%" or is_repetition(text) for text in texts)
-        assert said == 2 + len(lines) - silent
-        t = np.concatenate([part.t for part in parts])
-        assert np.isfinite(t).all()
-        assert (t[0], t[-1]) == (0.0, 0.01)  # a line ends where it ends: the row after it is read
+    samples = reader(Path(), **{"column: a, unit": f"column: a, {wraps}unit:"})
+    stream = LineReader()
+    data = b"".join(line + b"\n" for line in (HEAD.encode(), ROWS[0].encode(), *lines, ROWS[1].encode()))
+    parts = [samples.push(stream.push(data[a:b])) for a, b in itertools.pairwise([0, *sorted(cuts), len(data)])]
+    said = sum(len(part.t) + (part.bad.count if part.bad else 0) for part in parts)
+    texts = [line.decode("utf-8", "replace").lstrip("\ufeff").strip() for line in lines]
+    silent = sum(not text or text[0] in "#%" or is_repetition(text) for text in texts)
+    assert said == 2 + len(lines) - silent
+    t = np.concatenate([part.t for part in parts])
+    assert np.isfinite(t).all()
+    assert (t[0], t[-1]) == (0.0, 0.01)  # a line ends where it ends: the row after it is read
 
 
 def is_repetition(text: str) -> bool:

@@ -1,7 +1,5 @@
 """A tracker: blocks in order, gaps, saved states, what it refuses. That its end is the offline fit: tests/laws."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -62,7 +60,7 @@ def test_each_joint_is_smoothed_alone_as_beside_the_others(smoother: Spline) -> 
 def test_blocks_and_estimate_do_not_depend_on_how_samples_come(make, size: int) -> None:
     log, result = recorded(), make()
     known = estimate_smoothing(result, log)
-    trackers = [Tracker(result, known, memory={GroupKind.FRICTION: 3.0}) for _ in range(2)]
+    trackers = [Tracker(result, known, 0.1, {GroupKind.FRICTION: 3.0}) for _ in range(2)]
     one, other = (pushed(tracker, log, k) for tracker, k in zip(trackers, (len(log), size), strict=True))
     assert [len(each.motion) for each in one] == [len(each.motion) for each in other]
     t = np.concatenate([each.motion.t for each in one])

@@ -1,6 +1,4 @@
-"""A watch: one sentence for each event, its state as bytes, and its going on after a stop."""
-
-from __future__ import annotations
+"""A watch: what it says and writes, its state as bytes, and its going on after a stop."""
 
 import itertools
 import json
@@ -16,94 +14,28 @@ import numpy as np
 import pytest
 
 from dynident.apps import online
-from dynident.apps.online import (
-    Alarm,
-    Back,
-    BadLines,
-    BaselineKnown,
-    Changed,
-    ClockReset,
-    Event,
-    Fault,
-    FaultKind,
-    Gap,
-    NewMotion,
-    Passed,
-    Resting,
-    Resumed,
-    Signal,
-    Unreadable,
-    Unsteady,
-    Watcher,
-    WatchSettings,
-)
+from dynident.apps.online import BadLines, Changed, Event, Gap, Resumed, Watcher, WatchSettings
 from dynident.apps.online.detector import Knowledge
 from dynident.apps.online.event_log import EVENTS, EventLog, event_data
-from dynident.apps.online.report import event_line, watch_words
+from dynident.apps.online.report import event_line
 from dynident.apps.online.watch import Watch, make_watch, read_state, state_bytes
 from dynident.files.folder import result_folder
-from dynident.regression import GroupKind
-from dynident.runtime import ConfigError, InputError, Severity
+from dynident.runtime import ConfigError, InputError
 from dynident.runtime.arrays import Array
 from tests.kept import check_kept
+from tests.laws.test_sentences import EVENTS as EVENTS_WITH_SENTENCES
 from tests.project.watched import CHANGE, SETTINGS, result, rows
 
-FRICTION, PAYLOAD, RESIDUAL = GroupKind.FRICTION, GroupKind.PAYLOAD, GroupKind.RESIDUAL
-CHANGED = Changed(
-    60.0, PAYLOAD, "wrist", 30.0, (29.0, 31.0), ("m", "mx", "my"), ("kg", "kg m", "kg m"),
-    (0.5, 0.001, 0.3), (0.01, 0.01, np.inf), (0.7, 0.001, 0.3), 50.0,
-)  # fmt: skip
-SAID: list[tuple[Event, str]] = [
-    (BaselineKnown(600.0, 0.0, (1.0, 0.5), (0.4, 0.4)),
-     "elbow 1.0, wrist 0.50; more than twice that of the identification at elbow."),
-    (BaselineKnown(600.0, 0.0, (5.0, 0.5), (0.4, 0.4)), "at elbow; at one, more than ten times: check"),
-    (Unsteady(600.0, FRICTION, "elbow", 0.0), "friction of elbow changed within the baseline since 0.0 s"),
-    (NewMotion(700.0, 640.0), "moves as it did not in the baseline since 640.0 s"),
-    (Alarm(45.0, PAYLOAD, "wrist", 30.0, (29.0, 31.0), 20.0),
-     "a change since about 30.0 s, most likely payload at wrist"),
-    (CHANGED,
-     "payload at wrist changed between 29.0 s and 31.0 s: m by +0.500 +- 0.010 kg (+0.700 since the baseline)."),
-    (Changed(60.0, RESIDUAL, "elbow", 30.0, (30.0, 30.0), ("e",), ("",), (float(np.log(2)),), (0.1,), (1.0,), 50.0),
-     "torque that the model leaves at elbow changed at about 30.0 s: +100 %."),
-    (Passed(60.0, FRICTION, "elbow", 30.0), "the change since 30.0 s (friction of elbow) has passed"),
-    (Fault(9.1, FaultKind.FROZEN, Signal.POSITION, "elbow", 9.0),
-     "the position of elbow does not change any more, since 9.0 s"),
-    (Fault(9.1, FaultKind.MISSING, Signal.TORQUE, "elbow", 9.0), "the torque of elbow gives no number, since 9.0 s"),
-    (Fault(9.1, FaultKind.STILL, Signal.POSITION, "elbow", 9.0), "the torques are not those of a rest"),
-    (Fault(9.1, FaultKind.JUMP, Signal.POSITION, "elbow", 9.0, -0.5), "jumps at 9.0 s, by -0.500 rad or m"),
-    (Back(20.0, Signal.POSITION, "elbow", 9.0), "the position of elbow works again, after a fault since 9.0 s"),
-    (Resting(310.0, 10.0), "the robot has hardly moved since 10.0 s"),
-    (Gap(20.0, 4.0), "no sample came for 4.00 s"),
-    (ClockReset(0.0, 20.0), "the time was set back, from 20.0 s"),
-    (BadLines(20.0, 2, 17, "x\x1b[31m", 19),
-     "2 lines could not be read and are left out, the first is line 17: 'x\\x1b[31m', the last line 19"),
-    (Unreadable(20.0, 100, "no joint moves."), "100 samples cannot be used: no joint moves."),
-    (Resumed(20.0, 20.0), "goes on from its saved state, after the sample at 20.0 s"),
-]  # fmt: skip
 
-
-@pytest.mark.parametrize(("event", "said"), SAID, ids=lambda one: type(one).__name__ if isinstance(one, Event) else "")
-def test_each_event_has_its_sentence(event: Event, said: str) -> None:
-    line = event_line(event, ("elbow", "wrist"))
-    assert said in line.text
-    assert line.text.startswith(f"{event.time:.1f} s: ")
-    assert line.text.endswith(".")
-    assert (line.severity is Severity.WARNING) == isinstance(event, Alarm | Changed | Fault | Unsteady | Unreadable)
-
-
-def test_no_event_is_without_a_sentence() -> None:
+def test_the_law_of_sentences_has_all_events() -> None:
     events = {one for one in vars(online).values() if isinstance(one, type) and issubclass(one, Event)} - {Event}
-    assert {type(event) for event, _ in SAID} == events
+    assert {type(event) for event in EVENTS_WITH_SENTENCES} == events
 
 
 def test_dates_are_shown_where_the_stream_has_them_and_none_before_the_first_sample() -> None:
     assert event_line(Gap(3600.0, 4.0), (), 86_400.0 * 20_000).text.startswith("2024-10-04 01:00:00: ")
-    assert event_line(BadLines(float("nan"), 1, 2, "x", 2), ()).text.startswith("at the start: line 2 could not be")
-
-
-def test_the_rate_of_false_alarms_is_said() -> None:
-    assert "at most one in 33 days by chance" in watch_words(WatchSettings())
-    assert "at most 2.0 a day by chance" in watch_words(WatchSettings(false_alarms=2.0))
+    start = event_line(BadLines(float("nan"), 1, 2, "x\x1b[31m", 2), ())
+    assert start.text == "at the start: line 2 could not be read and is left out: 'x\\x1b[31m'."
 
 
 @pytest.mark.parametrize("harm", [0.0, 0.3, 0.9, "version 99"])
@@ -162,14 +94,13 @@ def same(one: Knowledge, other: Knowledge) -> None:
         np.testing.assert_array_equal(a.score, b.score)
 
 
-def test_a_change_is_found_in_a_file(undisturbed: tuple[list[Event], Watch]) -> None:
+def test_a_change_in_a_file_is_found_written_and_said_as_before(undisturbed: tuple[list[Event], Watch]) -> None:
     events, watch = undisturbed
-    (found,) = [one for one in events if isinstance(one, Changed)]
-    assert found.joint == "slider"
-    assert abs(found.since - CHANGE) <= 2.0
+    assert abs(next(one for one in events if isinstance(one, Changed)).since - CHANGE) <= 2.0
     assert watch.folder is not None
     said = [json.loads(line) for line in (watch.folder.path / EVENTS).read_text().splitlines()]
     assert said == [{"id": k, **json.loads(json.dumps(event_data(one)))} for k, one in enumerate(events, 1)]
+    check_kept("watched", "\n".join(str(event_line(event, ("slider",))) for event in events))
 
 
 def test_a_watch_in_pieces_knows_what_one_in_one_go_knows(
@@ -291,7 +222,3 @@ def test_a_log_goes_on_where_its_state_ends(tmp_path: Path, harm: str) -> None:
     rows = [json.loads(line) for line in path.read_text().splitlines()]
     assert [row["id"] for row in rows][-2:] == [5, 6]
     assert [row["event"] for row in rows] == ["Gap"] * (len(rows) - 1) + ["Resumed"]
-
-
-def test_all_that_a_watch_says_stays(undisturbed: tuple[list[Event], Watch]) -> None:
-    check_kept("watched", "\n".join(str(event_line(event, ("slider",))) for event in undisturbed[0]))

@@ -1,8 +1,6 @@
 """A watcher: samples in, what there is to say out."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -28,26 +26,17 @@ from dynident.apps.online import (
     tracker,
 )
 from dynident.apps.online.fixed_lag import FinalMotion, FixedLag
+from dynident.apps.online.scores import Scores, Sums
 from dynident.identification import Identification
 from dynident.models.lagrangian import MODELS
 from dynident.motion.smoothers import Smoother
 from dynident.runtime import ConfigError, InputError
 from dynident.runtime.arrays import Array
+from tests.project.watched import RATE, samples
 
 HOW = WatchSettings(block=1.0, baseline=25.0, settle=6.0)
-RATE = 100.0
 CLOCK = "last", "step", "back", "replay"  # of a state
 COUNT = 2 * np.pi / 2**17  # rad, of an encoder
-
-
-def samples(start: float, stop: float, rub: float = 1.0, seed: int = 0) -> tuple[Array, Array, Array]:
-    """A slider of 5 kg with friction, to and fro without a period."""
-    t = np.arange(round(start * RATE), round(stop * RATE)) / RATE
-    x = 0.3 * np.sin(3 * t) + 0.1 * np.sin(1.7 * t)
-    dx, ddx = 0.9 * np.cos(3 * t) + 0.17 * np.cos(1.7 * t), -2.7 * np.sin(3 * t) - 0.289 * np.sin(1.7 * t)
-    rng = np.random.default_rng(seed)
-    force = 5.0 * ddx + rub * (8.0 * dx + 3.0 * np.sign(dx)) + 0.5 + 0.3 * rng.standard_normal(len(t))
-    return t, (x + 1e-5 * rng.standard_normal(len(t)))[:, None], force[:, None]
 
 
 @cache
@@ -72,7 +61,13 @@ def watcher(seconds: float = 0.0) -> Watcher:
     return one
 
 
-def types(events: tuple[Event, ...]) -> list[type]:
+def same_scores(some: Sequence[Scores | Sums], others: Sequence[Scores | Sums]) -> None:
+    assert len(some) == len(others) > 0
+    for a, b in zip(some, others, strict=True):
+        np.testing.assert_array_equal(a.score, b.score)
+
+
+def types(events: Sequence[Event]) -> list[type]:
     return [type(one) for one in events]
 
 
@@ -89,21 +84,6 @@ def test_a_change_is_found() -> None:
     size = dict(zip(changed.names, zip(changed.size, changed.std, strict=True), strict=True))
     for (value, std), true in zip(size.values(), (4.0, 1.5), strict=True):
         assert abs(value - true) < 4 * std < 2.0
-
-
-def test_it_does_not_matter_how_samples_come_or_whether_the_state_was_saved() -> None:
-    parts = samples(0, 40), samples(40, 55, rub=1.5)
-    t, q, tau = (np.concatenate([part[k] for part in parts]) for k in range(3))
-    whole, one, events = watcher(), watcher(), tuple[Event, ...]()
-    expected = whole.push(t, q, tau)
-    for k in range(0, len(t), 1999):
-        some = slice(k, k + 1999)
-        events += one.push(t[some], q[some], tau[some])
-        state = one.state
-        one = watcher()
-        one.restore(state)
-    assert [repr(event) for event in events] == [repr(event) for event in expected]
-    assert len(expected) == 3
 
 
 def test_single_samples_are_watched_as_many_are() -> None:
@@ -146,21 +126,14 @@ def test_samples_that_come_again_are_left_out() -> None:
     t, q, tau = (np.concatenate([a, b]) for a, b in zip(samples(0, 30), samples(30, 40), strict=True))
     other.push(t, q, tau)
     assert [repr(one.state[name]) for name in CLOCK] == [repr(other.state[name]) for name in CLOCK]
-    assert len(one.knowledge.windows) == len(other.knowledge.windows) > 0
-    for a, b in zip(one.knowledge.windows, other.knowledge.windows, strict=True):
-        np.testing.assert_array_equal(a.score, b.score)
+    same_scores(one.knowledge.windows, other.knowledge.windows)
 
 
 def test_a_dead_encoder_is_said_at_once_and_the_watch_goes_on() -> None:
     one = watcher(30)
     t, q, tau = samples(30, 40)
     q[500:700] = q[500]
-    fault, back = one.push(t, q, tau)
-    assert isinstance(fault, Fault)
-    assert fault.kind is FaultKind.FROZEN
-    assert fault.since == 35.0
-    assert fault.time < 35.15
-    assert isinstance(back, Back)
+    assert types(one.push(t, q, tau)) == [Fault, Back]
     assert one.push(*samples(40, 60)) == ()
     assert Changed in types(one.push(*samples(60, 75, rub=1.5)))
 
@@ -207,10 +180,7 @@ def test_no_push_waits_for_the_first_seconds_to_be_worked_off(monkeypatch: pytes
     assert not len(watch.state["held"][0])
 
 
-@pytest.mark.parametrize("portion", [1e-6, 0.5])
-def test_it_does_not_matter_how_fast_the_first_seconds_are_worked_off(
-    portion: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_does_not_matter_how_fast_the_first_seconds_are_worked_off(monkeypatch: pytest.MonkeyPatch) -> None:
     t, q, tau = arm_samples(42.0)
     q[1055:1300, 1] = q[1055, 1]  # an encoder dies while samples wait
     keep = np.ones(len(t), dtype=bool)
@@ -223,14 +193,13 @@ def test_it_does_not_matter_how_fast_the_first_seconds_are_worked_off(
         return events, watch
 
     expected_events, expected = watched()
-    monkeypatch.setattr("dynident.apps.online.watcher.PORTION_TIME", portion)
-    events, watch = watched()
-    assert events == expected_events
-    assert types(events)[:3] == [Fault, Back, Gap]
-    assert BaselineKnown in types(events)
-    assert len(watch.knowledge.windows) == len(expected.knowledge.windows) > 0
-    for a, b in zip(watch.knowledge.windows, expected.knowledge.windows, strict=True):
-        np.testing.assert_array_equal(a.score, b.score)
+    assert types(expected_events)[:3] == [Fault, Back, Gap]
+    assert BaselineKnown in types(expected_events)
+    for portion in (1e-6, 0.5):
+        monkeypatch.setattr("dynident.apps.online.watcher.PORTION_TIME", portion)
+        events, watch = watched()
+        assert events == expected_events
+        same_scores(watch.knowledge.windows, expected.knowledge.windows)
 
 
 def test_a_watch_that_was_saved_while_samples_wait_goes_on_the_same() -> None:
@@ -242,9 +211,7 @@ def test_a_watch_that_was_saved_while_samples_wait_goes_on_the_same() -> None:
         state = watch.state
         watch = Watcher(arm(), np.random.default_rng(0), HOW)
         watch.restore(state)
-    assert len(watch.knowledge.blocks) == len(whole.knowledge.blocks) > 0
-    for a, b in zip(watch.knowledge.blocks, whole.knowledge.blocks, strict=True):
-        np.testing.assert_array_equal(a.score, b.score)
+    same_scores(watch.knowledge.blocks, whole.knowledge.blocks)
 
 
 def test_shapes_and_settings_are_checked() -> None:
@@ -284,8 +251,14 @@ def arm_said(t: Array, q: Array, tau: Array) -> list[Event]:
     return events
 
 
+def check_change(events: list[Event]) -> None:
+    """The first joint rubs more from 42 s on."""
+    (changed,) = [one for one in events if isinstance(one, Changed)]
+    assert (changed.joint, changed.since) == ("joint1", pytest.approx(42.0, abs=2.0))
+
+
 def test_an_encoder_that_dies_at_a_turn_spoils_nothing() -> None:
-    t, q, tau = arm_samples(55.0)
+    t, q, tau = arm_samples(50.0)
     turns = np.flatnonzero(np.diff(np.sign(np.diff(q[:, 1]))))
     k = int(turns[turns > 32 * RATE][0])
     q[k : k + 1500, 1] = q[k, 1]
@@ -297,21 +270,17 @@ def test_an_encoder_that_dies_at_a_turn_spoils_nothing() -> None:
 
 
 def test_a_joint_that_rests_for_longer_than_usual_is_no_fault_and_changes_are_still_found() -> None:
-    events = arm_said(*arm_samples(65.0, parked=(30.0, 64.0), change=50.0))
-    assert not [one for one in events if isinstance(one, Fault)]
-    (changed,) = [one for one in events if isinstance(one, Changed)]
-    assert changed.joint == "joint1"
-    assert abs(changed.since - 50.0) <= 2.0
+    events = arm_said(*arm_samples(55.0, parked=(30.0, 54.0), change=42.0))
+    assert Fault not in types(events)
+    check_change(events)
 
 
 def test_without_the_torque_of_one_joint_the_others_are_watched() -> None:
-    t, q, tau = arm_samples(65.0, change=50.0)
+    t, q, tau = arm_samples(55.0, change=42.0)
     tau[3500:, 1] = np.nan
     _, fault, *events = arm_said(t, q, tau)
     assert (fault.kind, fault.signal, fault.joint) == (FaultKind.MISSING, Signal.TORQUE, "joint2")
-    (changed,) = [one for one in events if isinstance(one, Changed)]
-    assert changed.joint == "joint1"
-    assert abs(changed.since - 50.0) <= 2.0
+    check_change(events)
 
 
 def test_of_a_robot_that_does_not_move_this_is_said_once() -> None:
@@ -321,7 +290,7 @@ def test_of_a_robot_that_does_not_move_this_is_said_once() -> None:
     assert events == [Resting(300.0, 0.0)]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_numbers_that_no_sensor_gives_do_no_harm(seed: int) -> None:
     rng, robot_watcher = np.random.default_rng(seed), watcher()
     t, q, tau = samples(0, 40)

@@ -1,7 +1,5 @@
 """A slider on two days, and parts that fail in all the ways a part can, in a module that workers can import."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar

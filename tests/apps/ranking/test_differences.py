@@ -1,7 +1,5 @@
 """Differences and chance, by blocks of time, and the truth that estimates are compared with."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A small arm with a rail, and recordings of it, for tests of tuning."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

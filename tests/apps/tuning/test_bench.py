@@ -1,7 +1,5 @@
 """Any tuning of logs and a model: what is quick agrees with what is whole, and odd logs do no harm."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -38,15 +36,8 @@ def test_the_residual_of_the_right_smoothing_is_white_of_the_noise(arm: Bench) -
     late, auto, bound = found.autocorrelation()
     assert late[0] == pytest.approx(1 / RATE)
     assert np.abs(auto[50:]).mean() < bound
+    assert np.abs(auto).max() < 0.3
     assert 2 < found.edf < len(found.t)
-
-
-def test_too_much_smoothing_leaves_the_motion_in_the_residual(arm: Bench) -> None:
-    found = arm.smooth(arm.start.with_degree(2.0), "log 1", JOINTS[0])
-    f, power = found.spectrum()
-    assert power[f < 5].max() > 30 * np.median(power)
-    _, auto, bound = found.autocorrelation()
-    assert auto[0] > 5 * bound
 
 
 def test_no_noise_has_no_degree() -> None:

@@ -1,58 +1,56 @@
 """The server is on the loopback, says where, and answers nobody but the page itself."""
 
-from __future__ import annotations
-
 import http.client
 import socket
 import threading
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
-import flask
 import pytest
 
-from dynident.apps.tuning import server as server_module
-from dynident.apps.tuning.server import (
-    MAX_CONNECTIONS,
-    Address,
-    answer,
-    bind_socket,
-    build_server,
-    guard,
-    make_content_policy,
-    open_browser,
-    refusal,
-)
+from dynident.apps.tuning import server
 from dynident.runtime import ConfigError
+
+flask = pytest.importorskip("flask")
+
+
+@contextmanager
+def served(app: flask.Flask, listener: socket.socket) -> Iterator[int]:
+    """Answer on a socket; yield its port."""
+    port, serving = listener.getsockname()[1], server.build_server(app, listener)
+    listener.close()
+    thread = threading.Thread(target=server.answer, args=(serving,), daemon=True)
+    thread.start()
+    yield port
+    serving.shutdown()
+    thread.join()
+    serving.server_close()
+
+
+def ask(port: int, path: str, host: str | None = None) -> tuple[http.client.HTTPResponse, str]:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    connection.request("GET", path, headers={} if host is None else {"Host": host})
+    response = connection.getresponse()
+    return response, response.read().decode()
 
 
 def test_a_free_port_and_a_secret() -> None:
-    flask = pytest.importorskip("flask")
-    own = bind_socket(0)
-    address = Address.at(own.getsockname()[1])
+    own = server.bind_socket(0)
+    address = server.Address.at(own.getsockname()[1])
     assert own.getsockname()[0] == "127.0.0.1"
-    assert Address.at(1).token != address.token
+    assert server.Address.at(1).token != address.token
     with pytest.raises(ConfigError, match=rf"--port {address.port}: .*Name another port"):
-        bind_socket(address.port)
-
+        server.bind_socket(address.port)
     app = flask.Flask("served")
     app.add_url_rule("/<path:path>", "echo", lambda path: f"/{path}")
-    guard(app, address, "default-src 'self'")
-    server = build_server(app, own)
-    own.close()
-    thread = threading.Thread(target=answer, args=(server,), daemon=True)
-    thread.start()
-    asked = http.client.HTTPConnection("127.0.0.1", address.port, timeout=10)
-    asked.request("GET", f"/{address.token}/here")
-    found = asked.getresponse()
-    assert (found.status, found.read().decode()) == (200, f"/{address.token}/here")
-    assert "Werkzeug" not in (found.getheader("Server") or "")
-    asked.request("GET", "/here", headers={"Host": "evil.example"})
-    assert asked.getresponse().status == 403
-    server.shutdown()
-    thread.join()
-    server.server_close()
+    server.guard(app, address, "default-src 'self'")
+    with served(app, own) as port:
+        response, text = ask(port, f"/{address.token}/here")
+        assert (response.status, text) == (200, f"/{address.token}/here")
+        assert "Werkzeug" not in (response.getheader("Server") or "")
+        assert ask(port, "/here", "evil.example")[0].status == 403
 
 
 def test_no_browser_where_there_is_no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -61,11 +59,8 @@ def test_no_browser_where_there_is_no_screen(monkeypatch: pytest.MonkeyPatch) ->
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr("sys.platform", "linux")
-    open_browser(Address(1, "x"))
+    server.open_browser(server.Address(1, "x"))
     assert opened == []
-
-
-pytest.importorskip("flask")
 
 
 HOST = "127.0.0.1:8050"
@@ -73,7 +68,7 @@ OWN = {"REQUEST_METHOD": "GET", "HTTP_HOST": HOST, "PATH_INFO": "/secret/alive"}
 
 
 def answered(port: int = 8050, cache: str = "no-cache", **changes: str | None) -> Any:
-    """Ask an application behind its guard."""
+    """Ask an application behind its server.guard."""
     app = flask.Flask("guarded")
 
     @app.route("/secret/alive", methods=["GET", "POST"])
@@ -81,7 +76,7 @@ def answered(port: int = 8050, cache: str = "no-cache", **changes: str | None) -
         flask.request.get_data()
         return flask.Response("inside", headers={"Cache-Control": cache})
 
-    guard(app, Address(port, "secret"), make_content_policy())
+    server.guard(app, server.Address(port, "secret"), server.make_content_policy())
     environ = {name: value for name, value in (OWN | changes).items() if value is not None}
     return app.test_client().open(environ_overrides=environ)
 
@@ -148,7 +143,8 @@ def test_a_length_that_is_none_does_no_harm(length: str) -> None:
 
 
 def test_a_request_without_a_host_is_refused() -> None:
-    assert "its own machine only" in refusal(OWN | {"HTTP_HOST": ""}, Address(8050, "secret"))
+    environ = {name: value for name, value in OWN.items() if name != "HTTP_HOST"}
+    assert "its own machine only" in server.refusal(environ, server.Address(8050, "secret"))
 
 
 def test_files_that_never_change_may_be_kept() -> None:
@@ -157,36 +153,28 @@ def test_files_that_never_change_may_be_kept() -> None:
 
 
 def test_only_scripts_that_are_known_run() -> None:
-    assert "script-src 'self' 'sha256-abc'" in make_content_policy(["'sha256-abc'"])
-    assert "unsafe-eval" not in make_content_policy()
+    assert "script-src 'self' 'sha256-abc'" in server.make_content_policy(["'sha256-abc'"])
+    assert "unsafe-eval" not in server.make_content_policy()
 
 
 def test_connections_that_send_nothing_or_drip_are_closed_soon_and_are_not_many(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(server_module, "HEADER_TIME", 0.25)
-    listener = bind_socket(0)
-    port = listener.getsockname()[1]
-    server = build_server(flask.Flask("served"), listener)
-    listener.close()
-    thread = threading.Thread(target=answer, args=(server,), daemon=True)
-    thread.start()
-    before = threading.active_count()
-    connections = [socket.create_connection(("127.0.0.1", port), timeout=5) for _ in range(3 * MAX_CONNECTIONS)]
-    for connection in connections[::2]:
-        with suppress(OSError):
-            connection.sendall(b"GET / HT")
-    assert threading.active_count() - before <= 2 * MAX_CONNECTIONS + 1  # each with its alarm
-    start = time.monotonic()
-    for connection in connections:
-        with suppress(ConnectionError):
-            while connection.recv(4096):
-                pass
-        connection.close()
-    assert time.monotonic() - start < 4
-    asked = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
-    asked.request("GET", "/")
-    assert asked.getresponse().status == 404  # it answers again
-    server.shutdown()
-    thread.join()
-    server.server_close()
+    monkeypatch.setattr(server, "HEADER_TIME", 0.25)
+    with served(flask.Flask("served"), server.bind_socket(0)) as port:
+        before = threading.active_count()
+        connections = [
+            socket.create_connection(("127.0.0.1", port), timeout=5) for _ in range(3 * server.MAX_CONNECTIONS)
+        ]
+        for connection in connections[::2]:
+            with suppress(OSError):
+                connection.sendall(b"GET / HT")
+        assert threading.active_count() - before <= 2 * server.MAX_CONNECTIONS + 1  # each with its alarm
+        start = time.monotonic()
+        for connection in connections:
+            with suppress(ConnectionError):
+                while connection.recv(4096):
+                    pass
+            connection.close()
+        assert time.monotonic() - start < 4
+        assert ask(port, "/")[0].status == 404  # it answers again

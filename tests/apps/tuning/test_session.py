@@ -1,7 +1,5 @@
 """Where a session saves what was tuned, which is identified the same, and what is not done in vain."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -36,40 +34,40 @@ pytest.importorskip("dash")
 
 
 @pytest.fixture
-def session(validated_arm: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
+def session(arm: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
     monkeypatch.setattr(session_module, "tuned_text", lambda _project, _bench, tuning, path: f"{path.name} {tuning}")
-    return session_of(tmp_path / "arm.yaml", validated_arm)
+    return session_of(tmp_path / "arm.yaml", arm)
 
 
 def session_of(path: Path, bench: Bench) -> Session:
     return Session(SimpleNamespace(path=path), bench, print)  # type: ignore[arg-type]
 
 
-def test_a_file_that_the_session_did_not_write_stays(session: Session, validated_arm: Bench) -> None:
-    path, start, tuned = session.project.path, validated_arm.start, validated_arm.start.with_degree(1.0)
+def test_a_file_that_the_session_did_not_write_stays(session: Session, arm: Bench) -> None:
+    path, start, tuned = session.project.path, arm.start, arm.start.with_degree(1.0)
     path.write_text("mine")
     assert session.save(start) == path.with_name("arm-tuned.yaml")
     assert session.save(tuned) == path.with_name("arm-tuned.yaml")  # its own is replaced
     assert path.with_name("arm-tuned.yaml").read_text() == f"arm-tuned.yaml {tuned}"
     path.with_name("arm-tuned.yaml").write_text("edited by hand")
     assert session.save(start) == path.with_name("arm-tuned-2.yaml")
-    other = session_of(path.with_name("arm-tuned-2.yaml"), validated_arm)
+    other = session_of(path.with_name("arm-tuned-2.yaml"), arm)
     assert other.save(start) == path.with_name("arm-tuned-3.yaml")
     texts = [file.read_text() for file in sorted(path.parent.iterdir())]
     assert texts == [f"arm-tuned-{k}.yaml {start}" for k in (2, 3)] + ["edited by hand", "mine"]
 
 
-def test_two_tabs_do_not_replace_what_the_other_saved(session: Session, validated_arm: Bench) -> None:
-    path, start, tuned = session.project.path, validated_arm.start, validated_arm.start.with_degree(1.0)
+def test_two_tabs_do_not_replace_what_the_other_saved(session: Session, arm: Bench) -> None:
+    path, start, tuned = session.project.path, arm.start, arm.start.with_degree(1.0)
     for _ in range(2):
         assert session.save(start, "a") == path.with_name("arm-tuned.yaml")
         assert session.save(tuned, "b") == path.with_name("arm-tuned-2.yaml")
     assert path.with_name("arm-tuned.yaml").read_text() == f"arm-tuned.yaml {start}"
 
 
-def test_what_cannot_be_fitted_is_not_saved(session: Session, validated_arm: Bench) -> None:
+def test_what_cannot_be_fitted_is_not_saved(session: Session, arm: Bench) -> None:
     with pytest.raises(DynidentError, match="0 usable samples"):
-        session.save(validated_arm.start.exclude(validated_arm.log_names[0], -1.0, 100.0))
+        session.save(arm.start.exclude(arm.log_names[0], -1.0, 100.0))
     assert not list(session.project.path.parent.iterdir())
 
 

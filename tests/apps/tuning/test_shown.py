@@ -1,7 +1,5 @@
 """What the page for tuning shows stays: controls, numbers, tables and figures."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from typing import Any

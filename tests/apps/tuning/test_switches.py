@@ -1,7 +1,5 @@
 """Terms switched on and off, joint by joint, and those that a joint could have."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

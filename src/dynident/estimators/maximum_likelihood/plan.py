@@ -43,6 +43,8 @@ TORQUE_KNOT_SPACING, TORQUE_KNOTS = 15, 4  # samples from one torque knot to the
 LAG_SUMS = (1, 3, 10)  # numbers of autocorrelations that tell residuals from white ones
 MEDIAN_SAMPLES = 9  # samples on each side whose medians tell a step from outliers
 LINE_SAMPLES = 5  # samples on each side of a step that tell it from noise
+# samples around a jump, and the percentage of them whose jumps are no larger than is typical; two steps touch 20 of them
+NEARBY_SAMPLES, TYPICAL_PERCENTAGE = 61, 60
 MAX_LOG_RANGE = 6.0  # of the search for the end of an interval, in the parameter's logarithm
 ACCEPTED_RANGE = (0.6, 2.0)  # share of the limit between which the curve through the points known will do
 MAX_TRIALS = 6
@@ -144,9 +146,11 @@ def torque_steps(log: Log, sigma_tau: Array, size: float = 8.0) -> tuple[float, 
     """Return the times (s) at which a joint's torque steps: the first samples after the jumps.
 
     A jump is where straight lines through five samples on each side differ by ``size`` standard deviations of
-    that difference, more than they do nearby. A step persists: the medians of nine samples on each side must also
-    differ by half of the jump, which outliers cannot bring about.
+    that difference, or ``size`` times as much as they typically do nearby, where the torque is fast. A step persists:
+    the medians of nine samples on each side must also differ by half of the jump, which outliers cannot bring about.
     """
+    from scipy.ndimage import percentile_filter
+
     N = len(log)
     if N < 4 * LINE_SAMPLES:
         return ()
@@ -155,7 +159,9 @@ def torque_steps(log: Log, sigma_tau: Array, size: float = 8.0) -> tuple[float, 
     weights = np.linalg.pinv(np.stack([np.ones(LINE_SAMPLES), x + 0.5], axis=1))[0]
     windows = np.lib.stride_tricks.sliding_window_view(log.tau, LINE_SAMPLES, axis=0)  # (N - 4, n, 5)
     jump = windows[LINE_SAMPLES:] @ weights - windows[:-LINE_SAMPLES] @ weights[::-1]
-    worst = np.abs(jump / (np.sqrt(2) * np.linalg.norm(weights) * sigma_tau)).max(axis=1)
+    deviations = np.abs(jump / (np.sqrt(2) * np.linalg.norm(weights) * sigma_tau))
+    typical = percentile_filter(deviations, TYPICAL_PERCENTAGE, (NEARBY_SAMPLES, 1), mode="nearest")
+    worst = (deviations / np.maximum(typical, 1.0)).max(axis=1)
     return tuple(
         float(log.t[k + LINE_SAMPLES])
         for k in np.flatnonzero(worst > size)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +16,12 @@ from dynident.estimators.maximum_likelihood.trajectory import SplineTrajectory, 
 from dynident.estimators.notes import Averaged
 from dynident.models import Model
 from dynident.motion.log import Log, Motion
-from dynident.motion.splines import NORMAL_95, median_sigma, steady_noise, stretches
+from dynident.motion.splines import NORMAL_95, least_noise, median_sigma, steady_noise, stretches
 from dynident.regression import fitted_rows
 from dynident.runtime import InputError, Note, Noun
 from dynident.runtime.arrays import Array
 
-MIN_NOISE = {"q": 1e-7, "tau": 1e-4}  # least noise, relative to the largest value: the spline is hardly more exact
+MIN_NOISE = {"q": 1e-9, "tau": 1e-4}  # least noise, relative to the largest value: the spline is hardly more exact
 MIN_SAMPLES = 20  # samples of a recording
 
 
@@ -43,7 +44,7 @@ TORQUE_KNOT_SPACING, TORQUE_KNOTS = 15, 4  # samples from one torque knot to the
 LAG_SUMS = (1, 3, 10)  # numbers of autocorrelations that tell residuals from white ones
 MEDIAN_SAMPLES = 9  # samples on each side whose medians tell a step from outliers
 LINE_SAMPLES = 5  # samples on each side of a step that tell it from noise
-# samples around a jump, and the percentage of them whose jumps are no larger than is typical; two steps touch 20 of them
+# samples around a jump, two steps of which touch about 20, and the percentage of them that jump no more than is typical
 NEARBY_SAMPLES, TYPICAL_PERCENTAGE = 61, 60
 MAX_LOG_RANGE = 6.0  # of the search for the end of an interval, in the parameter's logarithm
 ACCEPTED_RANGE = (0.6, 2.0)  # share of the limit between which the curve through the points known will do
@@ -65,6 +66,11 @@ class Recordings(Noun):
     time_offset: float
     usual_acceleration: Array
     remembered: tuple[Motion, ...] = ()
+
+    @cached_property
+    def min_sigma_q(self) -> Array:
+        """The least noise (n) of the positions that rounding and the splines allow to tell."""
+        return np.max([least_noise(log.q, MIN_NOISE["q"]) for log in self.logs], axis=0)
 
 
 def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Recordings, list[Note]]:

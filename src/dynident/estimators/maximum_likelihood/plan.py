@@ -21,7 +21,7 @@ from dynident.regression import fitted_rows
 from dynident.runtime import InputError, Note, Noun
 from dynident.runtime.arrays import Array
 
-MIN_NOISE = {"q": 1e-9, "tau": 1e-4}  # least noise, relative to the largest value: the spline is hardly more exact
+MIN_NOISE = {"q": 1e-9, "tau": 1e-4}  # least noise, relative to the largest value: rounding and spline are hardly less
 MIN_SAMPLES = 20  # samples of a recording
 
 
@@ -44,8 +44,8 @@ TORQUE_KNOT_SPACING, TORQUE_KNOTS = 15, 4  # samples from one torque knot to the
 LAG_SUMS = (1, 3, 10)  # numbers of autocorrelations that tell residuals from white ones
 MEDIAN_SAMPLES = 9  # samples on each side whose medians tell a step from outliers
 LINE_SAMPLES = 5  # samples on each side of a step that tell it from noise
-# samples around a jump, two steps of which touch about 20, and the percentage of them that jump no more than is typical
-NEARBY_SAMPLES, TYPICAL_PERCENTAGE = 61, 60
+# samples around a jump, of which each step touches ten, and the percentage of them that jump no more than is typical
+NEARBY_SAMPLES, TYPICAL_PERCENTAGE = 81, 65
 MAX_LOG_RANGE = 6.0  # of the search for the end of an interval, in the parameter's logarithm
 ACCEPTED_RANGE = (0.6, 2.0)  # share of the limit between which the curve through the points known will do
 MAX_TRIALS = 6

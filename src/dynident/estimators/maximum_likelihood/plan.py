@@ -70,7 +70,7 @@ class Recordings(Noun):
     @cached_property
     def min_sigma_q(self) -> Array:
         """The least noise (n) of the positions that rounding and the splines allow to tell."""
-        return np.max([least_noise(log.q, MIN_NOISE["q"]) for log in self.logs], axis=0)
+        return np.asarray(np.max([least_noise(log.q, MIN_NOISE["q"]) for log in self.logs], axis=0))
 
 
 def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Recordings, list[Note]]:

@@ -216,7 +216,7 @@ def is_repeatable(estimator: Estimator, make: Callable[[], Model]) -> None:
 def ignores_the_order_of_logs(estimator: Estimator, make: Callable[[], Model]) -> None:
     """Logs are a set."""
     model = make()
-    logs = [multisine_motion(model, noise=0.01, seed=seed, samples=500 + 100 * seed) for seed in range(3)]
+    logs = [multisine_motion(model, noise=0.01, seed=seed, samples=200 + 50 * seed) for seed in range(3)]
     estimate, reordered = (
         fit(estimator, make_problem(model, *logs)),
         fit(estimator, make_problem(model, *reversed(logs))),

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from dynident.apps.article import SCENARIOS
 from dynident.estimators import Barrier, Estimate, LeastSquares, PhysicallyConsistent, Problem
@@ -31,6 +32,7 @@ from dynident.models.lagrangian import two_link_arm
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Spline, TimeShifted
 from dynident.regression import Regression, informed_std, rank_of_information, structural_base_parameters
+from dynident.testing.estimator import MODELS, make_problem, multisine_motion, truth
 from tests.robots import joint, link, urdf
 
 ARM = two_link_arm()
@@ -250,6 +252,27 @@ def test_few_samples_do_not_make_wide_knots_look_right() -> None:
     error = np.array([(run.value - (0.5, 0.3, 1.0)) / run.std for run in runs])
     assert np.mean(np.abs(error) < 2) > 0.75
     assert {run.notes for run in runs} == {()}
+
+
+@pytest.mark.parametrize(
+    ("make", "noise", "spacing"),
+    [(MODELS["slider"], 0.0, None), (two_link_arm, 0.0, None), (two_link_arm, 1e-4, 1.25)],
+    ids=["slider", "arm", "a trajectory that follows the noise"],
+)
+def test_the_noise_of_the_torque_is_found(make: Callable[[], Model], noise: float, spacing: float | None) -> None:
+    """At 100 Hz, from exact positions and from noisy ones: the noise of 8 runs of 1000 samples, known to 0.8 to 1.6 %,
+    is found to 5 %; the errors over the standard errors are chi-square, larger in at most one of 1000 draws."""
+    model, level = make(), 0.01
+    sigma, error = [], []
+    for seed in range(8):
+        motion = multisine_motion(model, noise=level, seed=seed, samples=1000)
+        q = motion.q + noise * np.random.default_rng(seed).standard_normal(motion.q.shape)
+        log = Log(motion.t, q, motion.tau, motion.joints)
+        found = MaximumLikelihood(spacing=spacing)(replace(make_problem(model, motion), logs=(log,)))
+        sigma += [found.residual.sigma, 1 / found.residual.weights]
+        error.append((found.value - truth(model)) / found.std)
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(sigma), axis=0)), level, rtol=0.05)
+    assert chi2.sf(np.square(error).sum(), np.size(error)) > 1e-3
 
 
 class TestIntervals:

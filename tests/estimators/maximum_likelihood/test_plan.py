@@ -38,6 +38,21 @@ class TestPlan:
         log = Log(t, np.zeros_like(tau), tau, ("a", "b"))
         assert torque_steps(log, np.full(2, 0.1)) == pytest.approx((7.0,), abs=0.01)
 
+    @pytest.mark.parametrize("samples", [80, 250, 400])
+    def test_a_fast_torque_has_no_steps(self, samples: int, rng: np.random.Generator) -> None:
+        """Of few samples a period, and much larger than the noise, a torque bends more than noise would explain."""
+        t = np.linspace(0, 10, samples)
+        rate, phase = 2 * np.pi * rng.uniform(0.1, 1.0, (40, 5, 2)), rng.uniform(0, 2 * np.pi, (40, 5, 2))
+        for tau in np.sin(rate[:, None] * t[:, None, None] + phase[:, None]).sum(axis=2):
+            log = Log(t, np.zeros_like(tau), tau + 1e-3 * rng.standard_normal(tau.shape), ("a", "b"))
+            assert torque_steps(log, np.full(2, 1e-3)) == ()
+
+    @pytest.mark.parametrize(("distance", "count"), [(8, 2), (20, 2), (25, 11)])
+    def test_finds_steps_near_each_other(self, distance: int, count: int, rng: np.random.Generator) -> None:
+        t, steps = np.arange(400.0), 60.0 + distance * np.arange(count)
+        tau = 4.0 * (np.searchsorted(steps, t, side="right") % 2)[:, None] + 0.1 * rng.standard_normal((400, 1))
+        assert torque_steps(Log(t, 0 * tau, tau, ("a",)), np.array([0.1])) == tuple(steps)
+
     @pytest.mark.parametrize(("rate", "spacing"), [(0.0, [15]), (3.5, [7]), (8.0, [3]), (16.0, [])])
     def test_torque_knots_are_as_far_apart_as_lines_follow_the_torque(self, rate: float, spacing: list[int]) -> None:
         t, rng = 0.01 * np.arange(400), np.random.default_rng(0)

@@ -234,8 +234,10 @@ class _LikelihoodRun:
         rank, undetermined, covariance = directions.rank, directions.undetermined_mask, directions.covariance()
         provenance = self.provenance(undetermined) if bodies else ()
         notes = (*self.notes, *residual_notes(search, fit, directions, tau))
-        sample_count = sum((segment.raw.weight > 0).sum(axis=0) for segment in search.segments)
-        rms = np.sqrt(sum((x**2).sum(axis=0) for x in tau) / np.maximum(sample_count, 1))
+        degrees = search.torque_degrees
+        if degrees is None:
+            degrees = np.maximum(sum((segment.raw.weight > 0).sum(axis=0) for segment in search.segments), 1)
+        rms = np.sqrt(sum((x**2).sum(axis=0) for x in tau) / degrees)
         is_zero = undetermined & (np.abs(fit.theta) <= ROUNDING * np.abs(fit.theta).max())
         smallest = {body.name: body.min_eigenvalue(fit.theta) for body in bodies}
         return Estimate(

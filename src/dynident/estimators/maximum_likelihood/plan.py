@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +16,12 @@ from dynident.estimators.maximum_likelihood.trajectory import SplineTrajectory, 
 from dynident.estimators.notes import Averaged
 from dynident.models import Model
 from dynident.motion.log import Log, Motion
-from dynident.motion.splines import NORMAL_95, median_sigma, steady_noise, stretches
+from dynident.motion.splines import NORMAL_95, least_noise, median_sigma, steady_noise, stretches
 from dynident.regression import fitted_rows
 from dynident.runtime import InputError, Note, Noun
 from dynident.runtime.arrays import Array
 
-MIN_NOISE = {"q": 1e-7, "tau": 1e-4}  # least noise, relative to the largest value: the spline is hardly more exact
+MIN_NOISE = {"q": 1e-9, "tau": 1e-4}  # least noise, relative to the largest value: rounding and spline are hardly less
 MIN_SAMPLES = 20  # samples of a recording
 
 
@@ -43,6 +44,8 @@ TORQUE_KNOT_SPACING, TORQUE_KNOTS = 15, 4  # samples from one torque knot to the
 LAG_SUMS = (1, 3, 10)  # numbers of autocorrelations that tell residuals from white ones
 MEDIAN_SAMPLES = 9  # samples on each side whose medians tell a step from outliers
 LINE_SAMPLES = 5  # samples on each side of a step that tell it from noise
+# samples around a jump, of which each step touches ten, and the percentage of them that jump no more than is typical
+NEARBY_SAMPLES, TYPICAL_PERCENTAGE = 81, 65
 MAX_LOG_RANGE = 6.0  # of the search for the end of an interval, in the parameter's logarithm
 ACCEPTED_RANGE = (0.6, 2.0)  # share of the limit between which the curve through the points known will do
 MAX_TRIALS = 6
@@ -63,6 +66,11 @@ class Recordings(Noun):
     time_offset: float
     usual_acceleration: Array
     remembered: tuple[Motion, ...] = ()
+
+    @cached_property
+    def min_sigma_q(self) -> Array:
+        """The least noise (n) of the positions that rounding and the splines allow to tell."""
+        return np.asarray(np.max([least_noise(log.q, MIN_NOISE["q"]) for log in self.logs], axis=0))
 
 
 def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Recordings, list[Note]]:
@@ -144,9 +152,11 @@ def torque_steps(log: Log, sigma_tau: Array, size: float = 8.0) -> tuple[float, 
     """Return the times (s) at which a joint's torque steps: the first samples after the jumps.
 
     A jump is where straight lines through five samples on each side differ by ``size`` standard deviations of
-    that difference, more than they do nearby. A step persists: the medians of nine samples on each side must also
-    differ by half of the jump, which outliers cannot bring about.
+    that difference, or ``size`` times as much as they typically do nearby, where the torque is fast. A step persists:
+    the medians of nine samples on each side must also differ by half of the jump, which outliers cannot bring about.
     """
+    from scipy.ndimage import percentile_filter
+
     N = len(log)
     if N < 4 * LINE_SAMPLES:
         return ()
@@ -155,7 +165,9 @@ def torque_steps(log: Log, sigma_tau: Array, size: float = 8.0) -> tuple[float, 
     weights = np.linalg.pinv(np.stack([np.ones(LINE_SAMPLES), x + 0.5], axis=1))[0]
     windows = np.lib.stride_tricks.sliding_window_view(log.tau, LINE_SAMPLES, axis=0)  # (N - 4, n, 5)
     jump = windows[LINE_SAMPLES:] @ weights - windows[:-LINE_SAMPLES] @ weights[::-1]
-    worst = np.abs(jump / (np.sqrt(2) * np.linalg.norm(weights) * sigma_tau)).max(axis=1)
+    deviations = np.abs(jump / (np.sqrt(2) * np.linalg.norm(weights) * sigma_tau))
+    typical = percentile_filter(deviations, TYPICAL_PERCENTAGE, (NEARBY_SAMPLES, 1), mode="nearest")
+    worst = (deviations / np.maximum(typical, 1.0)).max(axis=1)
     return tuple(
         float(log.t[k + LINE_SAMPLES])
         for k in np.flatnonzero(worst > size)

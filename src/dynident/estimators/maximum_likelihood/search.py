@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dynident.estimators.barrier import Barrier
 from dynident.estimators.maximum_likelihood.equations import Hypothesis, Likelihood, RegressorColumns, leverage, scores
@@ -38,6 +39,7 @@ MIN_WHITENESS = 1e-3  # probability below which residuals are not white
 # factor of the tolerance where a parameter is held for its profile: the expected fall is taken off
 PROFILE_TOLERANCE_FACTOR = 300.0
 MIN_DEVIANCE = 1e-6  # half the deviance that counts as none
+MIN_FREE_SHARE = 0.05  # least share of residuals that count as degrees of freedom
 SCORE_CLUSTERS = 200  # parts of the recordings whose scores count as independent
 
 
@@ -49,11 +51,17 @@ class _Knots(Noun):
     converged: bool
 
 
+def free_degrees(counts: ArrayLike, taken: ArrayLike) -> Array:
+    """Return the degrees of freedom of residuals: their counts less those that a fit takes, but at least some."""
+    return np.asarray(np.maximum(np.subtract(counts, taken), MIN_FREE_SHARE * np.asarray(counts)))
+
+
 @dataclass(eq=False)
 class LikelihoodSearch:
     """The state of the search.
 
-    theta (p), the ``directions`` (p, v) in which it may move, the noise ``sigma``, the segments and their states.
+    theta (p), the ``directions`` (p, v) in which it may move, the noise ``sigma``, the segments and their states,
+    and the degrees of freedom (n) of the torques, where they were needed for the noise.
     """
 
     model: Model
@@ -65,6 +73,7 @@ class LikelihoodSearch:
     sigma: Sigma
     segments: tuple[Segment, ...] = ()
     states: tuple[State, ...] = ()
+    torque_degrees: Array | None = None
 
     @property
     def likelihood(self) -> Likelihood:
@@ -86,9 +95,9 @@ class LikelihoodSearch:
             self.segments = self._plan_segments(spacing, from_rest=from_rest)
         else:
             knots = self._choose_spacing(from_rest=from_rest)
-            # the spline's misfit counts as noise
+            # the spline's misfit counts as noise; differences of few samples a period take the motion for noise
             self.segments = knots.segments
-            self.sigma = replace(self.sigma, q=np.maximum(self.sigma.q, np.sqrt(knots.power)))
+            self.sigma = replace(self.sigma, q=np.maximum(self.recordings.min_sigma_q, np.sqrt(knots.power)))
         self.states = tuple(
             segment.initial_state(self.sigma.q, self.recordings.usual_acceleration) for segment in self.segments
         )
@@ -135,7 +144,8 @@ class LikelihoodSearch:
         """Return the knots of a spacing, after a fit to the positions alone."""
         segments = self._plan_segments(size, from_rest=from_rest)
         residuals = [segment.offset(self._fit_positions(segment)) for segment in segments]
-        power = sum(((x**2).sum(axis=0) for x in residuals), np.zeros(len(self.sigma.q))) / sum(map(len, residuals))
+        degrees = free_degrees(sum(map(len, residuals)), sum(segment.trajectory.size for segment in segments))
+        power = sum(((x**2).sum(axis=0) for x in residuals), np.zeros(len(self.sigma.q))) / degrees
         exact = EXACT_RESIDUAL * np.ptp(np.concatenate([log.q for log in self.recordings.logs]), axis=0)
         pairs = zip(residuals, segments, strict=True)
         whiteness = min(whiteness_probability(x, segment.trajectory.size) for x, segment in pairs)
@@ -214,7 +224,8 @@ class LikelihoodSearch:
         )
         unused, counts = counts == 0, np.maximum(counts, 1)  # of a joint whose torque was not recorded nothing is used
         # the fit takes degrees of freedom from each joint's positions and torques: without them noise is underestimated
-        degrees_of_freedom = np.maximum(counts - leverages, 0.05 * counts)
+        degrees_of_freedom = free_degrees(counts, leverages)
+        self.torque_degrees = degrees_of_freedom[1]
         if huber is not None:
             trust = [np.minimum(1.0, huber / np.maximum(np.abs(x), 1e-300)) for x in tau]
             self.segments = tuple(segment.weight_torques(x) for segment, x in zip(self.segments, trust, strict=True))
@@ -223,7 +234,8 @@ class LikelihoodSearch:
             scale = np.sqrt(sum((x**2).sum(axis=0) for x in tau) / degrees_of_freedom[1])
         scale_q = np.sqrt(sum((x**2).sum(axis=0) for x in q) / degrees_of_freedom[0])
         self.sigma = Sigma(
-            self.sigma.q * np.maximum(scale_q, 1e-6), self.sigma.tau * np.maximum(scale, 1e-6) ** ~unused[1]
+            np.maximum(self.sigma.q * scale_q, self.recordings.min_sigma_q),
+            self.sigma.tau * np.maximum(scale, 1e-6) ** ~unused[1],
         )
 
     def _fit_with_fixed(self, last: LikelihoodFit, theta: Array, k: int, value: float) -> LikelihoodFit | None:

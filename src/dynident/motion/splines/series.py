@@ -111,13 +111,17 @@ def median_sigma(x: ArrayLike) -> NDArray[np.float64]:
 def steady_noise(x: NDArray[np.float64], min_share: float) -> NDArray[np.float64]:
     """Return the noise's standard deviation (k) of evenly sampled x (N, k), from the median of its fourth differences.
 
-    The median ignores the few samples after a step. White noise is assumed. The result is at least ``min_share``
-    times the channel's largest value, or where that is zero, the largest value of all channels.
+    The median ignores the few samples after a step. White noise is assumed. The result is at least ``least_noise``.
     """
     sigma = median_sigma(np.diff(x, 4, axis=0)) / np.linalg.norm([1.0, -4.0, 6.0, -4.0, 1.0])
     # rounding bounds the estimate from below, also for a channel that is constant
+    return np.asarray(np.maximum(sigma, least_noise(x, min_share)))
+
+
+def least_noise(x: NDArray[np.float64], min_share: float) -> NDArray[np.float64]:
+    """Return ``min_share`` times each channel's largest value (k) of x (N, k), or where it is zero, that of all."""
     size = np.abs(x).max(axis=0)
-    return np.asarray(np.maximum(sigma, min_share * np.where(size > 0, size, size.max() or 1.0)))
+    return np.asarray(min_share * np.where(size > 0, size, size.max() or 1.0))
 
 
 def grid_step(x: Array) -> float:

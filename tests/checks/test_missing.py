@@ -193,16 +193,6 @@ def ripple(rate: float, joint: int = 0) -> Misfit:
     return misfit(case(with_torque(0.5 * np.sin(rate * MOVED.q[:, joint] + 0.7), joint)))
 
 
-@pytest.mark.parametrize(("rate", "joint"), [(17.3, 0), (24.0, 1), (21.5, 2)])
-def test_the_period_and_the_phase_of_a_ripple_are_found(rate: float, joint: int) -> None:
-    fit = ripple(rate, joint)
-    period, column = find_ripple(fit, joint)
-    assert period == pytest.approx(2 * np.pi / rate, rel=0.01)
-    assert np.abs(column).max() <= 1.0 + 1e-12
-    assert np.corrcoef(column, np.sin(rate * fit.case.q[:, joint] + 0.7))[0, 1] > 0.98
-    assert all(find_ripple(fit, j) is None for j in range(3) if j != joint)
-
-
 def test_what_shows_no_ripple_has_none() -> None:
     right, fit = misfit(case()), ripple(17.3)
     assert [find_ripple(right, j) for j in range(3)] == [None] * 3

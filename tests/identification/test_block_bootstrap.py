@@ -48,7 +48,7 @@ def test_intervals_of_80_percent_hold_for_correlated_residuals() -> None:
     held = plain = 0
     for seed in range(40):
         found = fitted(seed)
-        low, high = drawn(found, 99, seed, blocks=40).interval(0.8).T
+        low, high = drawn(found, 49, seed, blocks=40).interval(0.8).T
         held += int(((low < ARM.values) & (ARM.values < high)).sum())
         plain += int((np.abs(found.estimate.value - ARM.values) < 1.28 * found.errors.std_independent).sum())
     assert 51 <= held <= 75

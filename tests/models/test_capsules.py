@@ -7,8 +7,8 @@ import dynident as dy
 from dynident.apps.demo import demo_files
 from dynident.apps.demo.arm import BASE, LINKS
 from dynident.files.meshes import read_geometry
-from dynident.models.capsules import body_capsules, bounding_balls, default_link_radius, fixed_boxes, simplify_mesh
-from dynident.models.geometry import Mesh, Solid, build_geometry
+from dynident.models.capsules import body_capsules, bounding_balls, default_link_radius, fixed_boxes
+from dynident.models.geometry import Solid, build_geometry
 from dynident.models.robot_files import ShapeKind, rotation
 from tests.apps.excitation.meshes import BENT, box
 from tests.models.test_fitting import beyond, points
@@ -49,15 +49,6 @@ def test_the_capsules_of_the_demo_arm_are_found_again(tmp_path) -> None:
             ends = ends[::-1]
         assert ends == pytest.approx(np.array([shape.start, shape.end]), abs=2e-3)
         assert capsule.radius == pytest.approx(shape.radius, rel=0.01)
-
-
-def test_balls_at_the_ends_of_a_cylinder_and_it_are_one_capsule() -> None:
-    shapes = at("0 0 0", '<sphere radius="0.07"/>'), at("0 0 0.2", '<sphere radius="0.07"/>')
-    tube = at("0 0 0.1", '<cylinder radius="0.07" length="0.2"/>')
-    base, arm, hand = (shaped(name, *shapes, tube) for name in ("base", "arm", "hand"))
-    found = capsules(two_joints(base, arm, hand))
-    assert [(one.link, one.body) for one in found] == [("base", -1), ("arm", 0), ("hand", 1)]
-    assert [one.radius for one in found] == pytest.approx([0.07] * 3, rel=0.03)
 
 
 def test_shapes_far_from_each_other_stay_apart() -> None:
@@ -136,9 +127,3 @@ def test_a_table_that_stands_still_is_a_box() -> None:
     assert (box_.name, box_.centre, box_.size) == ("base", (0, 0, 0.5), (1.2, 0.7, 1.0))
     assert np.array(box_.axes) == pytest.approx(rotation(np.array([0, 0, 1.0]), 0.5).T)
     assert all(one.link != "base" for one in body_capsules(geometry))
-
-
-def test_a_mesh_with_no_more_triangles_than_allowed_stays_as_it_is() -> None:
-    mesh = Mesh(*map(np.array, ([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2], [0, 1, 3]])))
-    assert simplify_mesh(mesh, 2) is mesh
-    assert simplify_mesh(mesh, 1) is not mesh

@@ -59,19 +59,6 @@ def test_groups_of_the_article(arm):
     ]
 
 
-def test_regressor_of_the_article():
-    """Columns of D ddq + C dq + G, eq. (39), written out by hand."""
-    q, dq, ddq = np.random.default_rng(1).normal(size=(3, 20, 2))
-    c2, s2, sum_ddq, zero = np.cos(q[:, 1]), np.sin(q[:, 1]), ddq.sum(axis=1), np.zeros(20)
-    third = 2 * c2 * ddq[:, 0] + c2 * ddq[:, 1] - s2 * dq[:, 1] * (2 * dq[:, 0] + dq[:, 1])
-    g1, g12 = 9.81 * np.sin(q[:, 0]), 9.81 * np.sin(q.sum(axis=1))
-    above = np.stack([ddq[:, 0], sum_ddq, third, g1, g12], axis=1)
-    below = np.stack([zero, sum_ddq, c2 * ddq[:, 0] + s2 * dq[:, 0] ** 2, zero, g12], axis=1)
-    np.testing.assert_allclose(
-        article_arm().regressor(q, dq, ddq), np.stack([above, below], axis=1), rtol=1e-12, atol=1e-13
-    )
-
-
 @pytest.mark.parametrize("rows", [1, 5])
 def test_mass_and_bias_are_those_of_the_regressor(rows):
     arm, theta = article_arm(), np.arange(1.0, 6.0)

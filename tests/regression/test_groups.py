@@ -7,9 +7,8 @@ import numpy as np
 from dynident.apps.demo.arm import true_model
 from dynident.models import CoupledMotor, Joint, Model, RotorInertia
 from dynident.models.friction import Coulomb, Offset, Ripple, Viscous
-from dynident.models.lagrangian import MODELS
 from dynident.motion.log import Motion
-from dynident.regression import GroupKind, groups_of, independent_columns, kinds_of, structural_base_parameters
+from dynident.regression import GroupKind, groups_of, kinds_of, structural_base_parameters
 from dynident.regression.groups import repeated_rows
 
 
@@ -54,12 +53,6 @@ def test_the_friction_of_a_coupled_motor_is_its_own() -> None:
     }
 
 
-def test_models_without_bodies_carry_no_payload() -> None:
-    arm = MODELS["two_link_arm"]()
-    kinds = {one.kind for one in groups_of(arm, structural_base_parameters(arm))}
-    assert kinds == {GroupKind.FRICTION}
-
-
 def test_each_parameter_has_the_kind_of_its_group() -> None:
     arm = true_model()
     basis, kinds = structural_base_parameters(arm), dict(zip(arm.names, kinds_of(arm), strict=True))
@@ -68,12 +61,6 @@ def test_each_parameter_has_the_kind_of_its_group() -> None:
     last = arm.parameters[-1].body or [one.body for one in arm.parameters if one.body][-1]
     for one in arm.parameters:
         assert (kinds[one.name] is None) == (one.role == "rotor" or (bool(one.body) and one.body != last))
-
-
-def test_columns_count_that_are_independent_of_those_before() -> None:
-    one, other = np.array([1.0, 2.0, 0.0]), np.array([0.0, 1.0, 1e-3])
-    columns = np.stack([one, 3 * one, 0 * one, other, one - 2 * other, one + 1e-9 * np.eye(3)[2]], axis=1)
-    assert independent_columns(columns) == [0, 3]
 
 
 def test_a_tenth_of_a_motion_is_passed_again() -> None:

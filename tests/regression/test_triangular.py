@@ -42,31 +42,10 @@ def test_factors_of_the_entries_are_those_of_the_regressor() -> None:
     np.testing.assert_allclose(found.residual(theta), whole.residual(theta), rtol=1e-12)
 
 
-def test_stacked_factors_are_triangular_and_hold_all_joints() -> None:
-    one, _ = drawn(300)
-    found, weights = factorise([one], MODEL.structure), np.array([1.0, 2.0, 0.5])
-    R = found.stack(weights)
-    assert R.shape == (p + 1, p + 1)
-    np.testing.assert_array_equal(np.tril(R, -1), 0.0)
-    expected = np.tensordot(weights**2, squares(found.factors), 1)
-    np.testing.assert_allclose(squares(R), expected, atol=1e-13 * np.abs(expected).max())
-
-
 def test_few_rows_are_stacked_to_a_whole_factor() -> None:
     factors = np.zeros((2, 4, 4))
     factors[:, 0] = [[1, 2, 3, 4], [0, 1, 0, 1]]
     assert TriangularFactors(factors, np.array([1, 1])).stack().shape == (4, 4)
-
-
-def test_a_block_gives_regressor_torque_and_weighted_rows() -> None:
-    one, whole = drawn(30)
-    theta, weight = np.random.default_rng(2).normal(size=p), np.random.default_rng(3).uniform(1, 2, (n, 30))
-    np.testing.assert_allclose(one.regressor(), whole.Y, atol=1e-12 * np.abs(whole.Y).max())
-    np.testing.assert_allclose(one.torque(theta).T, whole.Y @ theta, rtol=1e-9)
-    np.testing.assert_allclose(one.regressor(np.eye(p)[:, :3]), whole.Y[:, :, :3], atol=1e-12 * np.abs(whole.Y).max())
-    heavy = one.scale_rows(weight)
-    np.testing.assert_allclose(heavy.regressor(), whole.Y * weight.T[:, :, None], atol=1e-12 * np.abs(whole.Y).max())
-    np.testing.assert_array_equal(heavy.tau, one.tau * weight)
 
 
 def test_shapes_that_do_not_fit_are_an_error() -> None:

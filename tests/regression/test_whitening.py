@@ -9,11 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from dynident.models import Structure
 from dynident.models.lagrangian import two_link_arm
 from dynident.motion.log import Motion
 from dynident.regression import (
-    EntryBlock,
     ParallelFilter,
     Regression,
     Selection,
@@ -112,31 +110,6 @@ def test_columns_that_depend_on_others_do_so_in_mixed_rows() -> None:
     G, _ = dense(plain, noise)
     R = regression.triangular_factors.stack()
     np.testing.assert_allclose(R.T @ R, G, atol=1e-11 * np.abs(G).max())
-
-
-def test_whitened_noise_is_white_and_of_unit_variance() -> None:
-    rng, samples = np.random.default_rng(0), 20_000
-    u = rng.standard_normal((samples + 500, 2)) @ np.linalg.cholesky(S).T
-    e = np.stack([lfilter([1.0], np.append(1.0, -a), u[:, j])[500:] for j, a in enumerate(NOISE.coefficients)])
-    none = Structure((np.zeros(0, dtype=np.intp),) * 2, (np.zeros((0, 1)),) * 2)
-    white = NOISE.rows(EntryBlock(none, np.zeros((0, samples)), e), NOISE.structure(none)).tau
-    far = 4.5 / np.sqrt(samples)  # less likely than 1e-5 for one number
-    np.testing.assert_allclose(white @ white.T / samples, np.eye(2), atol=1.5 * far)
-    for lag in range(1, 6):
-        assert np.abs(white[:, lag:] @ white[:, :-lag].T / samples).max() < far
-    assert np.abs(np.corrcoef(e)[0, 1]) > 0.3 > far  # which the noise is not
-    assert e[0, 1:] @ e[0, :-1] > 0.5 * e[0] @ e[0]
-
-
-def test_the_first_rows_of_a_stretch_have_unit_variance_too() -> None:
-    rng, runs = np.random.default_rng(1), 4000
-    a = np.array([1.2, -0.5])
-    e = lfilter([1.0], np.append(1.0, -a), rng.standard_normal((runs, 300)), axis=1)[:, -4:]
-    none = Structure((np.zeros(0, dtype=np.intp),), (np.zeros((0, 1)),))
-    stretches, keep = np.pad(e, ((0, 0), (0, 1))).reshape(1, -1), np.tile([True] * 4 + [False], runs)[None]
-    block = EntryBlock(none, np.zeros((0, 5 * runs)), stretches, keep)
-    white = Whitening((a,), np.eye(1)).rows(block, none).tau.reshape(runs, 5)[:, :4]
-    np.testing.assert_allclose(white.T @ white / runs, np.eye(4), atol=4.5 * np.sqrt(2 / runs))
 
 
 def test_ages_count_the_rows_before() -> None:

@@ -57,7 +57,7 @@ def test_an_effect_of_one_joint_is_named_with_its_size(kind: TermKind) -> None:
     assert note.value == pytest.approx(EFFECTS[kind][0], rel=0.25)
     is_warned = note.share > 0.4 or note.cost > 5.0
     assert finding.severity is (Severity.WARNING if is_warned else Severity.INFO)
-    assert note.period == pytest.approx(2 * np.pi / 17.3 if kind is TermKind.RIPPLE else 0.0, rel=0.02)
+    assert note.period == pytest.approx(2 * np.pi / 17.3 if kind is TermKind.RIPPLE else 0.0, rel=1e-3)
     if kind is TermKind.SATURATION:  # costs no more than was seen
         assert 0.0 < note.cost < 100 * 0.06 * np.square(TAU).max() / np.mean(TAU**2)
 

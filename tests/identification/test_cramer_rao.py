@@ -158,6 +158,12 @@ def test_a_dense_least_squares_problem_gives_the_same(uneven: float) -> None:
     np.testing.assert_allclose(np.linalg.inv(found), covariance, rtol=1e-6)
 
 
+def test_sensors_three_times_as_good_tell_nine_times_as_much() -> None:
+    model, motion = swing()
+    (one,) = normal_matrices(model, model.values, motion, 1e-3, 0.1)
+    np.testing.assert_allclose(one.information(3, 3), 9 * one.information(), rtol=1e-7)
+
+
 def test_a_gap_in_the_mask_parts_the_record() -> None:
     """What is masked out says nothing; each side has a motion of its own."""
     model, motion = swing()

@@ -16,7 +16,7 @@ JOINTS = BODIES.joints
 
 
 def test_a_term_that_remembers_is_at_constant_memory():
-    model = Model((Dahl(JOINTS, length=0.1), Viscous(JOINTS)))
+    model = Model((Viscous(JOINTS), Dahl(JOINTS, length=0.1)))
     state, memory = sample_states(3), np.random.default_rng(2).uniform(-1, 1, (6, 3))
     weights = np.random.default_rng(3).normal(size=(6, 3, 6))
     slopes = [model.partials(*state, one, memory) for one in np.eye(6)]

@@ -74,6 +74,13 @@ def test_signs_and_factors_of_a_grouping() -> None:
     assert read(X, columns(*"abcde")).groupings == ("a - 0.5*b - c + d + e",)
 
 
+def test_later_bodies_and_masses_before_rotors_lead() -> None:
+    X = noise(3)
+    X[:, 0] = X[:, 2]
+    for roles in ({"a": ("Izz", "one"), "b": ("Izz", "two")}, {"a": ("rotor", ""), "b": ("mass", "one")}):
+        assert set(read(X, columns("a", "x", "b", **roles)).groupings) == {"x", "b + a"}
+
+
 def test_column_without_effect_is_named() -> None:
     X = noise(3) * np.array([1.0, 0.0, 1e-6])
     found = read(X, columns("a", "b", "c"))

@@ -8,7 +8,7 @@ from dynident.apps.demo.arm import true_model
 from dynident.models import CoupledMotor, Joint, Model, RotorInertia
 from dynident.models.friction import Coulomb, Offset, Ripple, Viscous
 from dynident.motion.log import Motion
-from dynident.regression import GroupKind, groups_of, kinds_of, structural_base_parameters
+from dynident.regression import GroupKind, groups_of, independent_columns, kinds_of, structural_base_parameters
 from dynident.regression.groups import repeated_rows
 
 
@@ -61,6 +61,12 @@ def test_each_parameter_has_the_kind_of_its_group() -> None:
     last = arm.parameters[-1].body or [one.body for one in arm.parameters if one.body][-1]
     for one in arm.parameters:
         assert (kinds[one.name] is None) == (one.role == "rotor" or (bool(one.body) and one.body != last))
+
+
+def test_columns_count_that_are_independent_of_those_before() -> None:
+    one, other = np.array([1.0, 2.0, 0.0]), np.array([0.0, 1.0, 1e-3])
+    columns = np.stack([one, 3 * one, 0 * one, other, one - 2 * other, one + 1e-9 * np.eye(3)[2]], axis=1)
+    assert independent_columns(columns) == [0, 3]
 
 
 def test_a_tenth_of_a_motion_is_passed_again() -> None:

@@ -102,6 +102,13 @@ def test_weights_of_the_rows_do_not_decide() -> None:
     np.testing.assert_allclose(again.inverse, full.inverse, rtol=1e-12)
 
 
+def test_rounding_below_zero_in_an_information_is_zero() -> None:
+    found = rank_of(factor(columns([1.0, 1.0, 1.0]))).with_information(np.diag([4.0, 1.0, -1e-15]))
+    assert found.rank == 2
+    assert found.values[-1] == 0.0
+    assert found.condition == np.inf
+
+
 def test_a_regressor_of_zeros_determines_nothing_with_and_without_weights() -> None:
     shown = rank_of(np.zeros((4, 4)))
     for found in (shown, rank_of(np.zeros((4, 4)), unweighted=shown)):

@@ -48,6 +48,17 @@ def test_few_rows_are_stacked_to_a_whole_factor() -> None:
     assert TriangularFactors(factors, np.array([1, 1])).stack().shape == (4, 4)
 
 
+def test_a_block_gives_regressor_torque_and_weighted_rows() -> None:
+    one, whole = drawn(30)
+    theta, weight = np.random.default_rng(2).normal(size=p), np.random.default_rng(3).uniform(1, 2, (n, 30))
+    np.testing.assert_allclose(one.regressor(), whole.Y, atol=1e-12 * np.abs(whole.Y).max())
+    np.testing.assert_allclose(one.torque(theta).T, whole.Y @ theta, rtol=1e-9)
+    np.testing.assert_allclose(one.regressor(np.eye(p)[:, :3]), whole.Y[:, :, :3], atol=1e-12 * np.abs(whole.Y).max())
+    heavy = one.scale_rows(weight)
+    np.testing.assert_allclose(heavy.regressor(), whole.Y * weight.T[:, :, None], atol=1e-12 * np.abs(whole.Y).max())
+    np.testing.assert_array_equal(heavy.tau, one.tau * weight)
+
+
 def test_shapes_that_do_not_fit_are_an_error() -> None:
     one, _ = drawn(30)
     with pytest.raises(ValueError, match="must match"):

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from dynident.models import Joint, Model, RigidBodies, from_physical, recursion_kernel
+from dynident.models import Model, RigidBodies, from_physical, recursion_kernel
 from dynident.models.robot_files import RobotJointLimits
 from dynident.runtime import ModelError
 from tests.robots import ARM, ARM_MJCF, GRIPPER, joint, link, urdf
@@ -15,16 +15,6 @@ from tests.robots import ARM, ARM_MJCF, GRIPPER, joint, link, urdf
 
 def values(term):
     return np.array([p.value for p in term.parameters], dtype=float)
-
-
-def test_joints_and_parameters_of_a_urdf():
-    term = RigidBodies(ARM)
-    assert term.format == "urdf"
-    assert term.joints == (Joint("shoulder"), Joint("rail", "prismatic"), Joint("twist"))
-    assert len(term.parameters) == 30
-    first, last = term.parameters[0], term.parameters[-1]
-    assert (first.name, first.unit, first.role, first.body, first.value) == ("upper.mass", "kg", "mass", "upper", 2.0)
-    assert (last.name, last.unit, last.role, last.body) == ("wrist.Izz", "kg m^2", "Izz", "wrist")
 
 
 def test_links_that_do_not_move_against_each_other_are_one_body():

@@ -1,6 +1,5 @@
 import json
 from dataclasses import replace
-from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -66,18 +65,6 @@ def test_thin_keeps_ends_extremes_and_order(n):
     np.testing.assert_array_equal(thin_y, y[np.searchsorted(t, thin_t)])
 
 
-def test_thin_keeps_the_extremes_of_every_bucket():
-    """An oscillation far faster than the buckets keeps its envelope everywhere."""
-    t = np.linspace(0, 1, 50_000)
-    y = t * np.cos(np.pi * np.arange(len(t)))
-    thin_t, thin_y = figures.thin(t, y, 500)
-    edges = np.linspace(0.05, 1, 20)
-    for start, stop in pairwise(edges):
-        part = thin_y[(thin_t >= start) & (thin_t <= stop)]
-        assert part.max() > 0.99 * (stop - 0.01)
-        assert part.min() < -0.99 * (stop - 0.01)
-
-
 @pytest.mark.parametrize("hole", [slice(0, 3000), slice(4000, 4700), slice(9000, 10_000)])
 def test_thin_keeps_gaps_open(hole):
     t, y = np.arange(10_000.0), np.sin(np.arange(10_000) / 300)
@@ -87,7 +74,7 @@ def test_thin_keeps_gaps_open(hole):
     assert len(thin_t) <= 600
     assert inside.any()
     np.testing.assert_array_equal(np.isnan(thin_y), inside)
-    assert np.nanmax(thin_y) == np.nanmax(y)
+    assert (np.nanmin(thin_y), np.nanmax(thin_y)) == (np.nanmin(y), np.nanmax(y))
 
 
 def test_thin_leaves_short_curves_alone_and_rejects_too_few_points():

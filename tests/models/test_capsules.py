@@ -51,6 +51,15 @@ def test_the_capsules_of_the_demo_arm_are_found_again(tmp_path) -> None:
         assert capsule.radius == pytest.approx(shape.radius, rel=0.01)
 
 
+def test_balls_at_the_ends_of_a_cylinder_and_it_are_one_capsule() -> None:
+    shapes = at("0 0 0", '<sphere radius="0.07"/>'), at("0 0 0.2", '<sphere radius="0.07"/>')
+    tube = at("0 0 0.1", '<cylinder radius="0.07" length="0.2"/>')
+    base, arm, hand = (shaped(name, *shapes, tube) for name in ("base", "arm", "hand"))
+    found = capsules(two_joints(base, arm, hand))
+    assert [(one.link, one.body) for one in found] == [("base", -1), ("arm", 0), ("hand", 1)]
+    assert [one.radius for one in found] == pytest.approx([0.07] * 3, rel=0.03)
+
+
 def test_shapes_far_from_each_other_stay_apart() -> None:
     shapes = at("0 0 0", '<sphere radius="0.05"/>'), at("0 0.3 0.4", '<sphere radius="0.05"/>')
     found = capsules(two_joints(shaped("base"), shaped("arm", *shapes), shaped("hand")))

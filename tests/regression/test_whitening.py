@@ -29,7 +29,12 @@ Array = NDArray[np.float64]
 ARM = two_link_arm()
 S = np.array([[2.0, 0.8], [0.8, 1.0]]) * 1e-4
 NOISE = Whitening((np.array([0.9, -0.3, 0.1]), np.array([0.5])), S)
-WAYS = [(None, None), (None, (0.3, 0.2)), (ParallelFilter(decimate=3), (0.3, 0.2))]
+WAYS = [
+    (None, None, NOISE),
+    (None, (0.3, 0.2), NOISE),
+    (ParallelFilter(decimate=3), (0.3, 0.2), NOISE),
+    (None, None, replace(NOISE, covariance=np.diag([2e-4, 1e-4]))),
+]
 
 
 def holed(samples: int = 2600) -> Motion:
@@ -79,11 +84,13 @@ def dense(plain: Regression, noise: Whitening) -> tuple[Array, int]:
     return G, count
 
 
-@pytest.mark.parametrize(("low", "slow"), WAYS, ids=str)
-def test_rows_are_those_of_a_dense_computation(low: ParallelFilter | None, slow: tuple[float, ...] | None) -> None:
+@pytest.mark.parametrize(("low", "slow", "noise"), WAYS)
+def test_rows_are_those_of_a_dense_computation(
+    low: ParallelFilter | None, slow: tuple[float, ...] | None, noise: Whitening
+) -> None:
     plain = Regression(ARM, (holed(),), Selection(low, slow))
-    regression = replace(plain, whitening=NOISE)
-    G, rows = dense(plain, NOISE)
+    regression = replace(plain, whitening=noise)
+    G, rows = dense(plain, noise)
     assert regression.triangular_factors.total == rows
     R = regression.triangular_factors.stack()
     np.testing.assert_allclose(R.T @ R, G, atol=1e-12 * np.abs(G).max())

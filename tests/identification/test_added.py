@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from dynident.checks import with_findings
 from dynident.estimators import LeastSquares, PhysicallyConsistent
-from dynident.identification import Recipe, identify
+from dynident.identification import Recipe, calibration, identify
 from dynident.identification.calibration import with_plain_terms
 from dynident.identification.terms import NotChosen
 from dynident.models import Model
@@ -16,7 +16,13 @@ from dynident.models.friction import Dahl, Viscous
 from dynident.motion.log import Log
 from dynident.runtime import ConfigError
 from tests.identification.terms import simulated
-from tests.identification.terms.simulated import bodies, recorded
+from tests.identification.terms.simulated import FEW, bodies, recorded
+
+
+@pytest.fixture(autouse=True)
+def few_kinds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few kinds of terms to choose from, which is quicker."""
+    monkeypatch.setattr(calibration, "library_kinds", lambda: FEW)
 
 
 def log(seed: int, source: str) -> Log:

@@ -29,6 +29,7 @@ ARM = urdf(
     joint("j3", "revolute", "upper", "fore", xyz=(0.4, 0, 0), axis=(1, 0, 0)),
 )
 PLAIN = tuple(kind for kind in library_kinds() if kind.presumed)
+FEW = (*PLAIN, *(kind for kind in library_kinds() if kind.name in ("load_coulomb", "dahl")))
 SIZE = np.array([3.0, 1.5, 0.15])  # N m: of the friction of each joint
 
 

@@ -26,9 +26,7 @@ from dynident.models.friction import Coulomb, Ripple, Viscous
 from dynident.regression import Selection
 from dynident.runtime import InputError, Step, progress_to
 from tests.identification.terms import simulated
-from tests.identification.terms.simulated import PLAIN, bodies, recorded
-
-FEW = (*PLAIN, *(kind for kind in library_kinds() if kind.name in ("load_coulomb", "dahl")))
+from tests.identification.terms.simulated import FEW, PLAIN, bodies, recorded
 
 
 @cache

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from base64 import b64decode
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from dynident.estimators import PhysicallyConsistent
 from dynident.identification.links import DeterminedBy
-from dynident.models import lagrangian as gallery
 from dynident.report.identification.robot import COLOURS, robot_blocks, robot_view
 from dynident.report.page import Figure
 from tests.report.robots import identified
@@ -70,9 +68,3 @@ def test_a_small_view_follows_without_a_player() -> None:
         low, high = scene[f"{axis}axis"]["range"]
         side = scene["aspectratio"][axis] * ((middle - low) / (high - low) - 0.5)
         assert scene["camera"]["center"][axis] == pytest.approx(side, abs=1e-6)
-
-
-def test_a_model_without_a_robot_file_has_no_view() -> None:
-    other = replace(identified(), model=gallery.slider())
-    assert list(robot_blocks(other)) == []
-    assert robot_view(other) is None

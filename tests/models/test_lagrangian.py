@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 from dynident.models import Joint, Lagrangian, Unknown
-from dynident.models.lagrangian import pendulum, two_link_arm
+from dynident.models.lagrangian import two_link_arm
 from dynident.runtime import ModelError
 
 q1, q2, dq1, dq2 = sp.symbols("q1 q2 dq1 dq2")
@@ -176,9 +176,3 @@ def test_energies_that_make_no_model(arguments, message):
 def test_numbers_of_symbols_must_match(changes):
     with pytest.raises(ModelError, match="give one of each per joint"):
         article_arm(**changes)
-
-
-def test_the_pendulum_of_the_gallery_hangs_down():
-    model = pendulum()
-    torque = model.torque(np.array([[0.0], [np.pi / 2]]), np.zeros((2, 1)), np.array([[1.0], [0.0]]), model.values)
-    np.testing.assert_allclose(torque[:, 0], [0.0825, 0.25 * 9.81])

@@ -1,4 +1,4 @@
-"""Rotor inertia, and motors that turn with several joints."""
+"""Motors that turn with several joints."""
 
 import numpy as np
 import pytest

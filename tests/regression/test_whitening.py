@@ -1,4 +1,4 @@
-"""Whitened rows: those of a dense computation, in stretches, blocks, parts and pulls; white, and of unit variance."""
+"""Whitened rows: those of a dense computation, in stretches, blocks, parts and pulls."""
 
 from __future__ import annotations
 

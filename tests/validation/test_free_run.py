@@ -1,4 +1,4 @@
-"""Free simulation: against an accurate integrator, with friction that holds, and in a controller's loop."""
+"""Free simulation: its pieces, with friction that holds, and in a controller's loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The terms chosen for a known friction law are those of the law, and predict motion twice as fast."""
+"""The choice of terms: sizes, what was tried, the minimum speed, and joints that show no friction."""
 
 from __future__ import annotations
 

@@ -63,6 +63,7 @@ def test_the_spread_is_that_of_standard_errors_for_correlated_residuals() -> Non
     table = spread.frame(0.9)
     assert table.columns == ["parameter", "value", "std", "low", "high", "unit"]
     assert np.array_equal(table.select("low", "high").to_numpy(), spread.interval(0.9))
+    assert spread.interval(0.9) == pytest.approx(np.quantile(spread.repetitions, [0.05, 0.95], axis=0).T)
     assert spread.repetitions.mean(axis=0) == pytest.approx(spread.value, abs=0.2 * spread.std.min())
 
 

@@ -215,7 +215,7 @@ def test_what_terms_remember_is_integrated():
     joints = pendulum().joints
     length, theta = 0.05, np.array([0.0825, 0.25, 0.3, 0.1, 0.05])
     terms = Dahl(joints, length=length), LoadCoulomb(joints, width=0.2), Drift(joints, time=0.5)
-    model, t = pendulum().with_terms(*terms).with_load(theta), np.linspace(0.0, 0.16, 81)
+    model, t = pendulum().with_terms(*terms).with_load(theta), np.linspace(0.0, 0.1, 51)
     motion = simulate(model, theta, lambda s: [np.sin(15 * s)], t, [0.3], tolerance=1e-9)
     np.testing.assert_allclose(model.torque(**motion.states(), theta=theta), motion.tau, atol=1e-9)
     np.testing.assert_allclose(model.remembering(motion).memory, motion.memory, atol=2e-5)
@@ -228,5 +228,5 @@ def test_what_terms_remember_is_integrated():
             ddq = -(weight + 0.1 * np.abs(0.0825 * ddq + weight) * np.tanh(dq / 0.2) + rest) / 0.0825
         return [dq, ddq, (dq - np.abs(dq) * z) / length]
 
-    exact = solve_ivp(slope, (0.0, 0.16), [0.3, 0.0, 0.0], t_eval=t, rtol=1e-10, atol=1e-12)
+    exact = solve_ivp(slope, (0.0, 0.1), [0.3, 0.0, 0.0], t_eval=t, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(motion.q[:, 0], exact.y[0], atol=1e-6)

@@ -57,7 +57,7 @@ def test_an_effect_of_one_joint_is_named_with_its_size(kind: TermKind) -> None:
     assert note.value == pytest.approx(EFFECTS[kind][0], rel=0.25)
     is_warned = note.share > 0.4 or note.cost > 5.0
     assert finding.severity is (Severity.WARNING if is_warned else Severity.INFO)
-    assert note.period == pytest.approx(2 * np.pi / 17.3 if kind is TermKind.RIPPLE else 0.0, rel=0.02)
+    assert note.period == pytest.approx(2 * np.pi / 17.3 if kind is TermKind.RIPPLE else 0.0, rel=1e-3)
     if kind is TermKind.SATURATION:  # costs no more than was seen
         assert 0.0 < note.cost < 100 * 0.06 * np.square(TAU).max() / np.mean(TAU**2)
 
@@ -191,16 +191,6 @@ def test_recordings_too_short_to_be_shifted_say_nothing() -> None:
 
 def ripple(rate: float, joint: int = 0) -> Misfit:
     return misfit(case(with_torque(0.5 * np.sin(rate * MOVED.q[:, joint] + 0.7), joint)))
-
-
-@pytest.mark.parametrize(("rate", "joint"), [(17.3, 0), (24.0, 1), (21.5, 2)])
-def test_the_period_and_the_phase_of_a_ripple_are_found(rate: float, joint: int) -> None:
-    fit = ripple(rate, joint)
-    period, column = find_ripple(fit, joint)
-    assert period == pytest.approx(2 * np.pi / rate, rel=0.01)
-    assert np.abs(column).max() <= 1.0 + 1e-12
-    assert np.corrcoef(column, np.sin(rate * fit.case.q[:, joint] + 0.7))[0, 1] > 0.98
-    assert all(find_ripple(fit, j) is None for j in range(3) if j != joint)
 
 
 def test_what_shows_no_ripple_has_none() -> None:

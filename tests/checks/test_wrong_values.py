@@ -22,7 +22,6 @@ from dynident.checks.robot_notes import (
     ZeroOff,
 )
 from dynident.checks.suspects import (
-    clock_suspect,
     displace_joint,
     estimate_suspect,
     gain_suspects,
@@ -157,15 +156,6 @@ def test_the_value_of_a_zero_is_sought_within_what_is_plausible() -> None:
     assert estimate_suspect(fit, replace(ZERO, limit=0.05)) is None
     assert list(promising_suspects(right, [ZERO])) == []
     assert estimate_suspect(right, ZERO) is None
-
-
-def test_the_rate_of_a_clock_is_found_and_a_right_one_is_not_suspected() -> None:
-    estimate = estimate_suspect(misfit(case(stamp(0.8))), clock_suspect())
-    assert estimate is not None
-    note = clock_suspect().note(estimate.value, estimate.std, estimate.share, ())
-    assert note.value == pytest.approx(0.8, abs=5 * note.std)
-    assert note.std < 0.03
-    assert estimate_suspect(misfit(case()), clock_suspect()) is None
 
 
 def test_friction_that_is_different_at_low_speed_at_all_joints_is_no_clock() -> None:

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from dynident.checks import with_findings
 from dynident.estimators import LeastSquares, PhysicallyConsistent
-from dynident.identification import Recipe, identify
+from dynident.identification import Recipe, calibration, identify
 from dynident.identification.calibration import with_plain_terms
 from dynident.identification.terms import NotChosen
 from dynident.models import Model
@@ -16,11 +16,17 @@ from dynident.models.friction import Dahl, Viscous
 from dynident.motion.log import Log
 from dynident.runtime import ConfigError
 from tests.identification.terms import simulated
-from tests.identification.terms.simulated import bodies, recorded
+from tests.identification.terms.simulated import FEW, bodies, recorded
+
+
+@pytest.fixture(autouse=True)
+def few_kinds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few kinds of terms to choose from, which is quicker."""
+    monkeypatch.setattr(calibration, "library_kinds", lambda: FEW)
 
 
 def log(seed: int, source: str) -> Log:
-    motion = recorded(simulated.dahl, seed)
+    motion = recorded(simulated.dahl, seed, rows=2500)
     return Log(motion.t, motion.q, motion.tau, motion.joints, source)
 
 
@@ -52,7 +58,8 @@ def test_identification_holds_the_choice_and_its_model_the_terms() -> None:
 
 def test_a_second_round_finds_the_offset_that_the_plain_set_hides() -> None:
     """With the plain set alone it is found to be 0."""
-    motion, (t, late) = recorded(simulated.wide, 1), (simulated.states(1)[0], 0.003)
+    motion, late = recorded(simulated.wide, 1, rows=2000), 0.003
+    t = motion.t
     q = CubicSpline(t, motion.q)(t[10:] - late) + 1e-5 * np.random.default_rng(5).standard_normal((len(t) - 10, 3))
     recipe = Recipe(estimator=LeastSquares(), terms="auto", time_offset="estimate")
     found = identify(Model((bodies(),)), [Log(t[10:], q, motion.tau[10:], motion.joints, "train")], recipe=recipe)

@@ -81,16 +81,6 @@ def test_a_part_is_an_object_not_its_name_or_class(parts: dict[str, Any], words:
         Recipe(**parts)
 
 
-def test_recipe_chooses_the_parts(log: Log) -> None:
-    """Forward differences without filter are far off on the same data, and the settings say what was used."""
-    recipe = Recipe(smoother=Difference(), estimator=LeastSquares(1e-10))
-    found = identify(ARM, [log], recipe=recipe)
-    assert error(found) > 20 * error(identify(ARM, [log]))
-    assert found.validations[0].motion.smoothing["method"] == "forward differences"
-    assert found.recipe == recipe
-    assert Recipe() == Recipe(Spline(), LeastSquares(), None)
-
-
 def test_joints_are_matched_by_name(log: Log) -> None:
     turned = log.select(("joint2", "joint1"))
     assert turned.joints != log.joints

@@ -26,15 +26,15 @@ def errors(text: str, seed: int, samples: int) -> tuple[float, float, float]:
 
 
 def test_a_file_that_is_off_by_a_quarter_helps_short_and_slow_training() -> None:
-    rows = np.array([errors(arm(off=0.25, seed=seed), seed, 150) for seed in range(4)])
-    assert (rows[:, 2] > 0).sum() >= 3
+    rows = np.array([errors(arm(off=0.25, seed=seed), seed, 150) for seed in range(2)])
+    assert (rows[:, 2] > 0).all()
     assert rows[:, 1].mean() < 0.97 * rows[:, 0].mean()
     assert (rows[:, 1] < 1.05 * rows[:, 0]).all()
 
 
 def test_a_file_that_is_wrong_does_little_harm() -> None:
-    rows = np.array([errors(arm(2.0, off=0.8, seed=seed), seed, 400) for seed in range(2)])
-    assert (rows[:, 1] < 1.05 * rows[:, 0]).all()
+    without, chosen, _ = errors(arm(2.0, off=0.8, seed=0), 0, 400)
+    assert chosen < 1.05 * without
 
 
 @pytest.mark.parametrize("inertias", ["none", "zero"])

@@ -13,7 +13,7 @@ from dynident.identification import Gain, Recipe, align_motion, find_time_offset
 from dynident.identification.calibration import prepare, prepare_in_rounds
 from dynident.identification.dataset import Dataset
 from dynident.identification.mounting import tilt_base
-from dynident.identification.time_offset import NEAREST_TRIALS, TRIAL_OFFSETS, _minimise_error
+from dynident.identification.time_offset import _minimise_error
 from dynident.models import Model, RigidBodies, RotorInertia
 from dynident.models.friction import Dahl, Offset, Viscous
 from dynident.models.lagrangian import slider, two_link_arm
@@ -60,16 +60,6 @@ def test_the_time_offset_is_the_one_put_in_and_its_errors_are_those_by_hand(late
     assert found.seconds == pytest.approx(late, abs=1e-4)
     assert found.before == pytest.approx(left(motion), rel=0.02)
     assert found.after == pytest.approx(left(sliding(0.0, 0.2)), rel=0.02)
-
-
-@pytest.mark.parametrize("trials", [TRIAL_OFFSETS, TRIAL_OFFSETS[:NEAREST_TRIALS]])
-@pytest.mark.parametrize("least", [-0.0319, -0.004, 0.0, 0.0012])
-def test_the_least_error_is_found_to_the_precision_of_the_search(least: float, trials: tuple[float, ...]) -> None:
-    best, after, before = _minimise_error(lambda x: float(np.hypot(1.0, 1e3 * (x - least))), trials)
-    assert type(best) is float
-    assert best == pytest.approx(least, abs=5e-5)
-    assert after == pytest.approx(1.0, abs=2e-3)
-    assert before == np.hypot(1.0, 1e3 * least)
 
 
 @pytest.mark.parametrize("value", [0.0, 5.0, np.nan])
@@ -150,7 +140,7 @@ def test_without_torque_there_is_no_error_and_no_offset() -> None:
 
 
 @cache
-def swing(n: int = 4001, h: float = 0.0025) -> tuple[Model, Motion]:
+def swing(n: int = 2001, h: float = 0.0025) -> tuple[Model, Motion]:
     """An arm and a smooth motion, with the torque that it needs."""
     arm, t = two_link_arm(), np.arange(n) * h
     rate, size = np.array([[3.0, 4.0], [9.0, 13.0]]), np.array([[1.0, 0.7], [0.3, 0.2]])
@@ -162,7 +152,7 @@ def swing(n: int = 4001, h: float = 0.0025) -> tuple[Model, Motion]:
 def test_identify_takes_the_time_offset_into_account_and_says_so() -> None:
     arm, motion = swing()
     noisy = record(motion, 1e-5, 1e-2, np.random.default_rng(1)).log
-    moved = replace(noisy, q=noisy.q - motion.q + motion.shift(-0.005).q).window(0.1, 9.9)
+    moved = replace(noisy, q=noisy.q - motion.q + motion.shift(-0.005).q).window(0.1, 4.9)
     recipe = Recipe(smoother=(Spline(), Spline(factor=2.0)), time_offset="estimate")
     found = identify(arm, [moved], (), recipe)
     plain = identify(arm, [moved])
@@ -285,7 +275,7 @@ def test_nothing_is_repeated_where_no_offset_is_seen() -> None:
 def test_a_smoother_that_shifts_keeps_its_shift_unless_another_predicts_better() -> None:
     arm, motion = swing()
     noisy = record(motion, 1e-5, 1e-2, np.random.default_rng(3)).log
-    log = replace(noisy, q=noisy.q - motion.q + motion.shift(-0.0033).q).window(0.1, 9.9)
+    log = replace(noisy, q=noisy.q - motion.q + motion.shift(-0.0033).q).window(0.1, 4.9)
     for start in (0.0033, 0.001):
         found = align_motion(arm, [log], (TimeShifted(Spline(), start),), "estimate")
         assert isinstance(found.smoother, TimeShifted)
@@ -295,7 +285,7 @@ def test_a_smoother_that_shifts_keeps_its_shift_unless_another_predicts_better()
 
 def test_an_offset_is_sought_again_on_a_base_that_proves_tilted() -> None:
     """The torque of the tilt hides the offset from a search on a level base."""
-    t, q, dq, ddq = states(3, rows=2000)
+    t, q, dq, ddq = states(3, 2000)
     level, rng = Model((bodies(),)), np.random.default_rng(1)
     theta = np.array([one.value for one in level.parameters])
     tau = tilt_base(level, 0.05, 0.03).torque(q, dq, ddq, theta)

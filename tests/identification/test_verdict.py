@@ -20,9 +20,8 @@ from dynident.models.lagrangian import slider
 from dynident.models.simulation import RunsAway
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Difference
-from dynident.regression import repeat_of
 from dynident.runtime import Finding, Note, Remark, Severity, Use
-from dynident.validation import Driver, LogValidation, Signals, relative_error
+from dynident.validation import Driver, LogValidation, Signals
 from tests.robots import joint, link, urdf
 
 M, FV, FC, OFFSET = 5.0, 8.0, 3.0, 0.5
@@ -124,22 +123,6 @@ def test_a_repeat_of_the_training_motion_holds_nothing_out(good: Identification)
     assert verdict.next[0] is Remedy.ANOTHER_MOTION
     both = judge(replace(again, validations=(*again.validations, good.validations[1])))
     assert both.use is Use.SIMULATION
-
-
-def test_a_repeat_that_begins_later_is_one_too(good: Identification) -> None:
-    later = replace(log(3.0, "later", 1), t=log(3.0, "later").t)
-    cut = Log(later.t[:2700], later.q[300:], later.tau[300:], later.joints, "later")  # 0.6 s of a period of 2.1 s
-    again = identify(slider(), [log(3.0, "slow")], [cut], Recipe(Difference("central"), restart=0.5))
-    assert why.Repeats((("later", "slow"),)) in judge(again).reasons
-
-
-def test_the_mean_torque_does_not_make_a_repeat() -> None:
-    """A weight of 1000 N is the same in any motion: the positions tell them apart."""
-    one, other = (replace(Difference("central")(log(rate, "")), source=str(rate)) for rate in (3.0, 4.0))
-    heavy = [replace(motion, tau=motion.tau + 1000.0) for motion in (one, other)]
-    assert relative_error(heavy[0].tau, heavy[1].tau) < 5
-    assert repeat_of(*heavy).error > 30
-    assert repeat_of(heavy[0], heavy[0]).error == pytest.approx(0.0, abs=1e-6)
 
 
 def test_an_error_must_carry_over_and_be_a_number(good: Identification) -> None:

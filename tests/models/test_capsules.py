@@ -7,8 +7,8 @@ import dynident as dy
 from dynident.apps.demo import demo_files
 from dynident.apps.demo.arm import BASE, LINKS
 from dynident.files.meshes import read_geometry
-from dynident.models.capsules import body_capsules, bounding_balls, default_link_radius, fixed_boxes, simplify_mesh
-from dynident.models.geometry import Mesh, Solid, build_geometry
+from dynident.models.capsules import body_capsules, bounding_balls, default_link_radius, fixed_boxes
+from dynident.models.geometry import Solid, build_geometry
 from dynident.models.robot_files import ShapeKind, rotation
 from tests.apps.excitation.meshes import BENT, box
 from tests.models.test_fitting import beyond, points
@@ -136,9 +136,3 @@ def test_a_table_that_stands_still_is_a_box() -> None:
     assert (box_.name, box_.centre, box_.size) == ("base", (0, 0, 0.5), (1.2, 0.7, 1.0))
     assert np.array(box_.axes) == pytest.approx(rotation(np.array([0, 0, 1.0]), 0.5).T)
     assert all(one.link != "base" for one in body_capsules(geometry))
-
-
-def test_a_mesh_with_no_more_triangles_than_allowed_stays_as_it_is() -> None:
-    mesh = Mesh(*map(np.array, ([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2], [0, 1, 3]])))
-    assert simplify_mesh(mesh, 2) is mesh
-    assert simplify_mesh(mesh, 1) is not mesh

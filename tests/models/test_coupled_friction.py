@@ -32,24 +32,6 @@ def test_the_plain_law_is_that_of_the_motor() -> None:
     assert not {one.name for one in own.parameters} & {one.name for one in motor.parameters}
 
 
-@pytest.mark.parametrize(
-    ("law", "settings"),
-    [
-        ("power", {"exponent": 0.3}),
-        ("coulomb", {"width": 0.2}),
-        ("stribeck", {"velocity": 0.3}),
-        ("coulomb", {"dead_band": 0.4}),
-        ("asymmetric_viscous", {}),
-    ],
-)
-def test_its_text_for_numpy_gives_the_same(law: Any, settings: dict[str, float]) -> None:
-    term, theta = CoupledFriction(WRIST, SHARES, "m", law, settings), np.array([0.7])
-    space: dict[str, Any] = {"np": np}
-    exec(term.numpy_source("torque", theta), space)
-    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 10, 3))
-    assert np.allclose(space["torque"](q, dq, ddq), term.regressor(q, dq, ddq) @ theta)
-
-
 def test_a_sharp_sign_becomes_smooth() -> None:
     sharp = CoupledFriction(WRIST, SHARES, "m", "coulomb")
     (smooth,) = sharp.with_smooth_sign(np.array([0.1, 0.3, 0.2]))

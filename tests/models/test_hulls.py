@@ -19,42 +19,6 @@ def solid(kind, *size, mesh=None):
     return Solid("link", 0, kind, size, FRAME, mesh)
 
 
-def surface(kind, size):
-    """Random points of the surface of a shape, in its own frame."""
-    away = np.random.default_rng(0).normal(size=(2000, 3))
-    ball = away / np.linalg.norm(away, axis=1, keepdims=True)
-    disk = ball / np.hypot(ball[:, 0], ball[:, 1])[:, None]
-    ends = np.where(ball[:, 2:] > 0, 1.0, -1.0) * [0, 0, 1]
-    return {
-        ShapeKind.SPHERE: lambda: size[0] * ball,
-        ShapeKind.BOX: lambda: ball / np.abs(ball).max(axis=1, keepdims=True) * size,
-        ShapeKind.CYLINDER: lambda: size[0] * disk * [1, 1, 0] + size[1] * ends,
-        ShapeKind.CAPSULE: lambda: size[0] * ball + size[1] * ends,
-        ShapeKind.ELLIPSOID: lambda: ball * size,
-    }[kind]()
-
-
-@pytest.mark.parametrize(
-    ("kind", "size"),
-    [
-        (ShapeKind.SPHERE, (0.3,)),
-        (ShapeKind.BOX, (0.1, 0.2, 0.3)),
-        (ShapeKind.CYLINDER, (0.1, 0.4)),
-        (ShapeKind.CAPSULE, (0.1, 0.4)),
-        (ShapeKind.ELLIPSOID, (0.1, 0.2, 0.3)),
-    ],
-)
-def test_the_hull_contains_the_shape_and_little_more(kind, size) -> None:
-    balls = bounding_balls(solid(kind, *size))
-    inside = surface(kind, size) @ FRAME[:3, :3].T + FRAME[:3, 3]
-    directions = np.random.default_rng(1).normal(size=(300, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    reach = (balls.centres @ directions.T + balls.radii[:, None]).max(axis=0)
-    needed = (inside @ directions.T).max(axis=0)
-    assert (reach - needed).min() > -1e-9
-    assert (reach - needed).max() < 0.1 * max(size)
-
-
 def test_a_mesh_is_all_its_corners() -> None:
     balls = bounding_balls(solid(ShapeKind.MESH, 1.0, 1.0, 1.0, mesh=BENT))
     assert (balls.centres - FRAME[:3, 3]) @ FRAME[:3, :3] == pytest.approx(BENT.vertices)

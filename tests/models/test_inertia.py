@@ -30,15 +30,6 @@ def tensor(points, masses):
     return np.einsum("bk,bkij->bij", masses, square - points[..., :, None] * points[..., None, :])
 
 
-def test_parameters_are_about_the_joint_frame():
-    """The inertia of the cloud, summed about the origin."""
-    mass, centre, about_centre, points, masses = bodies()
-    theta = from_physical(mass, centre, about_centre)
-    J = tensor(points, masses)
-    np.testing.assert_allclose(theta[:, 4:], J[:, [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]], rtol=1e-12)
-    np.testing.assert_allclose(theta[:, 1:4], np.einsum("bk,bki->bi", masses, points), rtol=1e-12)
-
-
 def test_order_is_that_of_pinocchio():
     mass, centre, about_centre, *_ = bodies(1)
     expected = pinocchio.Inertia(mass[0], centre[0], about_centre[0]).toDynamicParameters()

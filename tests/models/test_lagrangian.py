@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 from dynident.models import Joint, Lagrangian, Unknown
-from dynident.models.lagrangian import pendulum, two_link_arm
+from dynident.models.lagrangian import two_link_arm
 from dynident.runtime import ModelError
 
 q1, q2, dq1, dq2 = sp.symbols("q1 q2 dq1 dq2")
@@ -57,19 +57,6 @@ def test_groups_of_the_article(arm):
         ("theta4", m1 * lc1 + m2 * l1, "kg m"),
         ("theta5", m2 * lc2, "kg m"),
     ]
-
-
-def test_regressor_of_the_article():
-    """Columns of D ddq + C dq + G, eq. (39), written out by hand."""
-    q, dq, ddq = np.random.default_rng(1).normal(size=(3, 20, 2))
-    c2, s2, sum_ddq, zero = np.cos(q[:, 1]), np.sin(q[:, 1]), ddq.sum(axis=1), np.zeros(20)
-    third = 2 * c2 * ddq[:, 0] + c2 * ddq[:, 1] - s2 * dq[:, 1] * (2 * dq[:, 0] + dq[:, 1])
-    g1, g12 = 9.81 * np.sin(q[:, 0]), 9.81 * np.sin(q.sum(axis=1))
-    above = np.stack([ddq[:, 0], sum_ddq, third, g1, g12], axis=1)
-    below = np.stack([zero, sum_ddq, c2 * ddq[:, 0] + s2 * dq[:, 0] ** 2, zero, g12], axis=1)
-    np.testing.assert_allclose(
-        article_arm().regressor(q, dq, ddq), np.stack([above, below], axis=1), rtol=1e-12, atol=1e-13
-    )
 
 
 @pytest.mark.parametrize("rows", [1, 5])
@@ -189,9 +176,3 @@ def test_energies_that_make_no_model(arguments, message):
 def test_numbers_of_symbols_must_match(changes):
     with pytest.raises(ModelError, match="give one of each per joint"):
         article_arm(**changes)
-
-
-def test_the_pendulum_of_the_gallery_hangs_down():
-    model = pendulum()
-    torque = model.torque(np.array([[0.0], [np.pi / 2]]), np.zeros((2, 1)), np.array([[1.0], [0.0]]), model.values)
-    np.testing.assert_allclose(torque[:, 0], [0.0825, 0.25 * 9.81])

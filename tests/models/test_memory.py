@@ -44,13 +44,6 @@ def test_a_shift_interpolates_what_is_remembered():
     np.testing.assert_allclose(half[:-1], (motion.memory[1:] + motion.memory[:-1]) / 2, atol=1e-12)
 
 
-def test_a_part_goes_on_from_the_memory_of_its_first_sample():
-    motion = HYSTERETIC.remembering(swinging())
-    part = motion.shift(0.0, np.arange(1700, 3100))
-    again = HYSTERETIC.remembering(replace(part, memory=None), part.memory[0])
-    np.testing.assert_allclose(again.memory, part.memory, rtol=1e-9, atol=1e-12)
-
-
 @pytest.mark.parametrize("model", [HYSTERETIC, LOADED.with_load([0.1, 0.2, 0.0, 0.0])])
 def test_blocks_have_the_columns_of_the_whole(model, monkeypatch):
     """A motion of several blocks, with a gap in the mask."""

@@ -16,14 +16,6 @@ Q, DQ, DDQ = RNG.normal(size=(3, 7, 2))
 JOINTS = (Joint("a"), Joint("b"))
 
 
-def test_torque_is_the_sum_of_the_terms():
-    arm = two_link_arm()
-    links, friction = arm.terms
-    expected = links.regressor(Q, DQ, DDQ) @ arm.values[:5] + friction.regressor(Q, DQ, DDQ) @ arm.values[5:]
-    np.testing.assert_allclose(arm.torque(Q, DQ, DDQ, arm.values), expected, rtol=1e-14)
-    assert arm.names == tuple(f"theta{k}" for k in range(1, 8))
-
-
 def test_mass_matrix_and_bias_of_the_article():
     """Eq. (39), with the friction in the bias."""
     arm = two_link_arm()
@@ -37,14 +29,6 @@ def test_mass_matrix_and_bias_of_the_article():
     G = np.stack([9.81 * theta[3] * np.sin(Q[:, 0]) + g12, g12], axis=1)
     bias = np.einsum("ijn,nj->ni", C, DQ) + G
     np.testing.assert_allclose(arm.bias(Q, DQ, theta), bias, rtol=1e-12, atol=1e-14)
-
-
-@pytest.mark.parametrize("own", [False, True], ids=["one theta", "theta per sample"])
-def test_forward_inverts_the_torque(own):
-    arm = two_link_arm()
-    theta = arm.values * np.linspace(0.9, 1.1, 7)[:, None] if own else arm.values
-    tau = arm.torque(Q, DQ, DDQ, theta)
-    np.testing.assert_allclose(arm.forward_dynamics(Q, DQ, tau, theta), DDQ, rtol=1e-10, atol=1e-11)
 
 
 def test_theta_per_sample_equals_one_call_per_sample():

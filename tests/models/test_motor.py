@@ -1,25 +1,14 @@
-"""Rotor inertia, and motors that turn with several joints."""
+"""Motors that turn with several joints."""
 
 import numpy as np
 import pytest
 
-from dynident.models import CoupledMotor, Joint, Model, RotorInertia
+from dynident.models import CoupledMotor, Joint, Model
 from dynident.runtime import ModelError
 
 JOINTS = (Joint("base"), Joint("rail", "prismatic"), Joint("wrist"))
 ARM = (Joint("shoulder"), Joint("elbow"))
 Q, DQ, DDQ = np.random.default_rng(0).normal(size=(3, 4, 3))
-
-
-def test_rotor_inertia_is_torque_per_acceleration():
-    term = RotorInertia(JOINTS, on=("wrist", "rail"))
-    expected = np.zeros((4, 3, 2))
-    expected[:, 2, 0], expected[:, 1, 1] = DDQ[:, 2], DDQ[:, 1]
-    np.testing.assert_array_equal(term.regressor(Q, DQ, DDQ), expected)
-    assert [(p.name, p.unit, p.role) for p in term.parameters] == [
-        ("Ia_wrist", "kg m^2", "rotor"),
-        ("Ia_rail", "kg", "rotor"),
-    ]
 
 
 def test_wrist_that_rides_on_the_axis_before():
@@ -51,20 +40,6 @@ def test_all_parts_share_the_width():
     np.testing.assert_allclose(Y[:, 0], np.column_stack([2 * np.tanh(4 * DQ[:, 0]), np.full(4, 2.0)]), rtol=1e-14)
     assert [p.name for p in term.parameters] == ["Fc_m", "offset_m"]
     assert not Y[:, 1].any()
-
-
-def test_a_motor_of_sliding_joints_counts_in_metres():
-    parameters = CoupledMotor(JOINTS, {"rail": 3.0}, "spindle").parameters
-    assert [p.unit for p in parameters] == ["kg", "N s/m", "N"]
-
-
-def test_motor_takes_as_much_power_as_it_gives():
-    """tau . dq = f dphi."""
-    term, theta = CoupledMotor(ARM, {"shoulder": 1, "elbow": -6}, "m"), np.array([0.3, 0.2, 0.1])
-    tau = term.regressor(Q[:, :2], DQ[:, :2], DDQ[:, :2]) @ theta
-    dphi, ddphi = (x[:, 0] - 6 * x[:, 1] for x in (DQ, DDQ))
-    f = 0.3 * ddphi + 0.2 * dphi + 0.1 * np.sign(dphi)
-    np.testing.assert_allclose((tau * DQ[:, :2]).sum(axis=1), f * dphi, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from dynident.models import Joint, Model, RigidBodies, from_physical, recursion_kernel
+from dynident.models import Model, RigidBodies, from_physical, recursion_kernel
 from dynident.models.robot_files import RobotJointLimits
 from dynident.runtime import ModelError
 from tests.robots import ARM, ARM_MJCF, GRIPPER, joint, link, urdf
@@ -15,29 +15,6 @@ from tests.robots import ARM, ARM_MJCF, GRIPPER, joint, link, urdf
 
 def values(term):
     return np.array([p.value for p in term.parameters], dtype=float)
-
-
-def test_joints_and_parameters_of_a_urdf():
-    term = RigidBodies(ARM)
-    assert term.format == "urdf"
-    assert term.joints == (Joint("shoulder"), Joint("rail", "prismatic"), Joint("twist"))
-    assert len(term.parameters) == 30
-    first, last = term.parameters[0], term.parameters[-1]
-    assert (first.name, first.unit, first.role, first.body, first.value) == ("upper.mass", "kg", "mass", "upper", 2.0)
-    assert (last.name, last.unit, last.role, last.body) == ("wrist.Izz", "kg m^2", "Izz", "wrist")
-
-
-def test_gravity_pulls_down_the_z_axis_of_the_root():
-    lift = RigidBodies(
-        urdf(link("base"), link("load", 2.0), joint("lift", "prismatic", "base", "load", axis=(0, 0, 1)))
-    )
-    np.testing.assert_allclose(Model((lift,)).torque(*np.zeros((3, 1, 1)), values(lift)), 2.0 * 9.81)
-
-
-def test_joints_in_a_chosen_order():
-    term = RigidBodies(ARM, joints_used=("twist", "shoulder", "rail"))
-    assert [j.name for j in term.joints] == ["twist", "shoulder", "rail"]
-    assert [p.body for p in term.parameters[::10]] == ["wrist", "upper", "slide"]
 
 
 def test_links_that_do_not_move_against_each_other_are_one_body():
@@ -48,13 +25,6 @@ def test_links_that_do_not_move_against_each_other_are_one_body():
     assert locked.merged_links == {"upper": ("slide", "tool")}
     assert values(locked)[0] == 3.5
     assert RigidBodies(ARM, joints_used=("twist",)).merged_links == {"base": ("upper", "slide", "tool")}
-
-
-def test_a_locked_joint_stands_at_its_value():
-    """Sliding the carriage of 1.5 kg by 0.1 m along the turned rail moves its first moment."""
-    near, far = (values(RigidBodies(ARM, joints_used=("shoulder",), locked={"rail": x}))[1:4] for x in (0.0, 0.1))
-    direction = np.array([np.cos(0.5), 0.0, -np.sin(0.5)])
-    np.testing.assert_allclose(far - near, 0.1 * (1.5 + 0.7) * direction, atol=1e-14)
 
 
 def test_limits_and_nominal_friction():

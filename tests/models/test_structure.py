@@ -22,7 +22,7 @@ from dynident.models import (
 )
 from dynident.models.friction import Coulomb, Viscous
 from dynident.models.lagrangian import two_link_arm
-from dynident.models.structure import is_selective, select_independent, term_support
+from dynident.models.structure import select_independent
 from dynident.runtime import ModelError
 from tests.robots import joint, link, urdf
 
@@ -77,13 +77,6 @@ class Chosen(Term):
         return rows[:-1] if self.wrong == "entries" else rows
 
 
-class Heavier(Chosen):
-    """A subclass with a regressor of its own, of which the support and entries are no longer true."""
-
-    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
-        return self.bodies.regressor(q, dq, ddq) + 1.0
-
-
 def arm(gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)) -> Model:
     bodies = Chosen(RigidBodies(ARM, gravity=gravity))
     joints = bodies.joints
@@ -112,11 +105,6 @@ def test_of_a_body_at_most_seven_columns_are_needed() -> None:
     assert [int((one >= 30).sum()) for one in columns] == [3, 6, 6]
 
 
-def test_a_tilted_base_has_more_columns_than_a_level_one() -> None:
-    level, tilted = (len(arm(gravity).structure.columns[0]) for gravity in ((0.0, 0.0, -9.81), (0.3, -0.2, -9.8)))
-    assert level < tilted
-
-
 def test_one_structure_under_four_gravities_holds_under_any() -> None:
     structure = common_structure([arm(gravity) for gravity in ((0, 0, 0), (9.81, 0, 0), (0, 9.81, 0), (0, 0, 9.81))])
     model = arm((1.0, -2.0, 5.0))
@@ -134,16 +122,6 @@ def test_nothing_is_assumed_of_a_term_that_says_nothing() -> None:
     assert sum(kept) <= 2 * count
     states = random_states(model.joints, np.random.default_rng(0), 9)
     np.testing.assert_array_equal(recovered(structure, model, *states), model.regressor(*states))
-
-
-def test_a_subclass_with_another_regressor_inherits_no_structure() -> None:
-    heavier = Heavier(RigidBodies(ARM))
-    assert is_selective(Chosen(RigidBodies(ARM)))
-    assert not is_selective(heavier)
-    assert term_support(heavier).all()
-    states = random_states(heavier.joints, np.random.default_rng(0), 9)
-    model = Model((heavier,))
-    np.testing.assert_allclose(recovered(model.structure, model, *states), model.regressor(*states))
 
 
 @pytest.mark.parametrize("wrong", ["support", "entries"])

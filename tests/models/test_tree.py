@@ -5,7 +5,7 @@ import numpy as np
 from dynident.models import RigidBodies
 from dynident.models.tree import Layout, Tree
 from tests.models.judge import random_bodies
-from tests.robots import ARM, GRIPPER, joint, link, urdf
+from tests.robots import ARM, joint, link
 
 
 def test_a_serial_arm_needs_no_copies():
@@ -15,25 +15,6 @@ def test_a_serial_arm_needs_no_copies():
     assert layout.hosts == slice(0, 3)
     assert [chain.path for chain in layout.chains] == [slice(0, 1), slice(0, 2), slice(0, 3)]
     np.testing.assert_array_equal(layout.above, np.tri(3))
-
-
-def test_a_mimic_joint_has_the_gain_of_its_drive():
-    layout = Layout.of(RigidBodies(GRIPPER).arm)
-    assert not layout.is_identity
-    assert layout.joints == 2
-    np.testing.assert_array_equal(layout.gain, [1.0, 1.0, 2.0])
-    q, dq, _ = layout.body_states(*np.ones((3, 1, 2)))
-    np.testing.assert_allclose(q, [[1.0, 1.0, 2.01]])
-    np.testing.assert_allclose(dq, [[1.0, 1.0, 2.0]])
-
-
-def test_branches_do_not_carry_each_other():
-    parts = [link(name, 1.0) for name in ("left", "right")]
-    hips = [joint(f"hip of {name}", "revolute", "trunk", name) for name in ("left", "right")]
-    layout = Layout.of(RigidBodies(urdf(link("trunk"), *parts, *hips)).arm)
-    np.testing.assert_array_equal(layout.above, np.eye(2))
-    assert not layout.support[0, 10:].any()
-    assert not layout.support[1, :10].any()
 
 
 def test_the_support_of_slides_and_of_own_joints():

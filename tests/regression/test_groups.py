@@ -7,7 +7,6 @@ import numpy as np
 from dynident.apps.demo.arm import true_model
 from dynident.models import CoupledMotor, Joint, Model, RotorInertia
 from dynident.models.friction import Coulomb, Offset, Ripple, Viscous
-from dynident.models.lagrangian import MODELS
 from dynident.motion.log import Motion
 from dynident.regression import GroupKind, groups_of, independent_columns, kinds_of, structural_base_parameters
 from dynident.regression.groups import repeated_rows
@@ -52,12 +51,6 @@ def test_the_friction_of_a_coupled_motor_is_its_own() -> None:
         (GroupKind.FRICTION, "wrist"): ("Fv_wrist", "Fc_wrist"),
         (GroupKind.OFFSET, "wrist"): ("offset_wrist",),
     }
-
-
-def test_models_without_bodies_carry_no_payload() -> None:
-    arm = MODELS["two_link_arm"]()
-    kinds = {one.kind for one in groups_of(arm, structural_base_parameters(arm))}
-    assert kinds == {GroupKind.FRICTION}
 
 
 def test_each_parameter_has_the_kind_of_its_group() -> None:

@@ -12,9 +12,8 @@ from dynident.models import Joint, Model, Parameter, Partials, Term
 from dynident.models.friction import Viscous
 from dynident.motion.log import Motion
 from dynident.motion.splines import stretches
-from dynident.regression import ParallelFilter, Regression, RegressorBlock, Selection, TriangularFactors, linear_problem
+from dynident.regression import ParallelFilter, Regression, Selection, linear_problem
 from dynident.runtime import InputError
-from tests.regression.dense import triangularise
 from tests.regression.random_motion import ARM, THETA, drawn, holes, motion
 
 Array = NDArray[np.float64]
@@ -56,13 +55,6 @@ def test_blocks_hold_the_usable_samples_in_order(monkeypatch: pytest.MonkeyPatch
     assert max(len(block.tau) for block in Regression(ARM, motions).blocks()) <= size
 
 
-def test_blocks_can_be_asked_for_again() -> None:
-    made = Regression(ARM, (motion(50),))
-    first, second = list(made.blocks()), list(made.blocks())
-    np.testing.assert_array_equal(first[0].Y, second[0].Y)
-    assert made.triangular_factors is made.triangular_factors
-
-
 @pytest.mark.parametrize("parallel_filter", [None, ParallelFilter(decimate=2)])
 def test_residuals_are_rows_of_their_own(parallel_filter: ParallelFilter | None) -> None:
     made = Regression(ARM, (motion(50),), Selection(parallel_filter), bias=0.1 * THETA)
@@ -88,12 +80,6 @@ def test_stretches(mask: str, runs: list[tuple[int, int]]) -> None:
     assert [(run.start, run.stop) for run in found] == runs
 
 
-def test_no_rows_have_empty_triangular_factors() -> None:
-    found = triangularise(iter(()), joints=2, parameters=3)
-    assert found.samples == 0
-    np.testing.assert_array_equal(found.factors, np.zeros((2, 4, 4)))
-
-
 @pytest.mark.parametrize("weights", [None, (1.0, 1.0), (0.1, 30.0)])
 def test_stacked_joints_with_weights(weights: tuple[float, float] | None) -> None:
     motions = (motion(200),)
@@ -101,20 +87,6 @@ def test_stacked_joints_with_weights(weights: tuple[float, float] | None) -> Non
     one = np.concatenate([w * part for w, part in zip(weights or (1.0, 1.0), rows(motions), strict=True)])
     assert factor.shape == (8, 8)
     np.testing.assert_allclose(factor.T @ factor, one.T @ one, rtol=0, atol=1e-12 * np.sum(one**2))
-
-
-def test_stacked_weights_of_a_single_joint() -> None:
-    factors = np.triu(np.random.default_rng(0).normal(size=(1, 3, 3)))
-    np.testing.assert_array_equal(TriangularFactors(factors, np.array([9])).stack(np.array([2.0])), 2 * factors[0])
-
-
-@pytest.mark.parametrize("off", [0.0, 0.3])
-def test_residual_is_the_sum_of_squares_of_each_joint(off: float) -> None:
-    motions = (motion(300, mask=holes()[:300]),)
-    theta = THETA + off
-    whole = rows(motions)
-    direct = np.square(whole[:, :, -1] - whole[:, :, :-1] @ theta).sum(axis=1)
-    np.testing.assert_allclose(Regression(ARM, motions).triangular_factors.residual(theta), direct, rtol=1e-10)
 
 
 def test_joints_of_another_arm_are_refused() -> None:
@@ -164,12 +136,6 @@ def test_memory_does_not_grow_with_the_samples(
     assert found.samples == (5000 if parallel_filter is None else len(range(0, 5000, parallel_filter.decimate)))
     assert len(term.asked) > 5
     assert max(term.asked) <= most
-
-
-def test_block_of_a_wrong_width_is_an_error() -> None:
-    block = RegressorBlock(np.ones((5, 1, 3)), np.ones((5, 1)))
-    with pytest.raises(ValueError, match="must match"):
-        triangularise(iter([block]), joints=1, parameters=2)
 
 
 @pytest.mark.parametrize("parallel_filter", [None, ParallelFilter(decimate=4)], ids=repr)

@@ -9,14 +9,6 @@ from scipy.signal import lfilter
 from dynident.regression.whitening import bandwidth, long_run
 
 
-def test_bandwidth_is_andrews_for_a_known_series() -> None:
-    """1.1447 (4 rho^2 / ((1 - rho)^2 (1 + rho)^2) N)^(1/3), for one series."""
-    rho, n = 0.8, 100_000
-    x = lfilter([1.0], [1.0, -rho], np.random.default_rng(0).standard_normal((n, 1)), axis=0)
-    expected = 1.1447 * (4 * rho**2 / (1 - rho**2) ** 2 * n) ** (1 / 3)
-    assert bandwidth(iter([iter(np.array_split(x, 7))])) == pytest.approx(expected, rel=0.05)
-
-
 def andrews(series: list[np.ndarray]) -> int:
     """Andrews (1991), eqs. (5.3) and (6.4) for Bartlett's kernel, as printed: alpha(1) of AR(1) fits, weights one.
 

@@ -58,13 +58,6 @@ def test_memory_of_the_filter(pole: float, samples: int) -> None:
     assert abs(pole) ** samples <= 1e-12
 
 
-def test_several_motions_are_filtered_one_by_one() -> None:
-    motions, parallel_filter = (motion(400, seed=1), motion(333, seed=2)), ParallelFilter(decimate=4)
-    apart = [drawn((one,), parallel_filter) for one in motions]
-    for together, parts in zip(drawn(motions, parallel_filter), zip(*apart, strict=True), strict=True):
-        np.testing.assert_array_equal(together, np.concatenate(parts))
-
-
 @pytest.mark.parametrize("frequency", [1.0, 5.0, 12.0])
 def test_gain_of_the_filter(frequency: float) -> None:
     """Forward and backward: without phase, gain 1 / (1 + r^(2 order)), r the ratio of the warped frequencies."""
@@ -108,11 +101,6 @@ def test_stretches_shorter_than_the_filter(used: int) -> None:
 def test_wrong_settings_of_the_filter(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         ParallelFilter(**settings)
-
-
-def test_any_positive_cutoff_is_a_setting() -> None:
-    assert ParallelFilter(cutoff=1e-3).cutoff == 1e-3
-    assert ParallelFilter(cutoff=1.0, order=1).order == 1
 
 
 @pytest.mark.parametrize("cutoff", [50.0, 80.0, 1e5])

@@ -33,7 +33,7 @@ def test_the_same_samples_are_told_from_a_repeat() -> None:
     assert repeat_of(log(0.0, 2), whole).error > 1e-3
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(5, 15))
 def test_another_motion_is_none(seed: int) -> None:
     """A heavy arm, whose torque hardly varies: the positions tell."""
     other = log(0.0, seed, scale=0.6 + 0.03 * seed if seed < 10 else 1.1 + 0.03 * seed)

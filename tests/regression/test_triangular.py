@@ -42,16 +42,6 @@ def test_factors_of_the_entries_are_those_of_the_regressor() -> None:
     np.testing.assert_allclose(found.residual(theta), whole.residual(theta), rtol=1e-12)
 
 
-def test_stacked_factors_are_triangular_and_hold_all_joints() -> None:
-    one, _ = drawn(300)
-    found, weights = factorise([one], MODEL.structure), np.array([1.0, 2.0, 0.5])
-    R = found.stack(weights)
-    assert R.shape == (p + 1, p + 1)
-    np.testing.assert_array_equal(np.tril(R, -1), 0.0)
-    expected = np.tensordot(weights**2, squares(found.factors), 1)
-    np.testing.assert_allclose(squares(R), expected, atol=1e-13 * np.abs(expected).max())
-
-
 def test_few_rows_are_stacked_to_a_whole_factor() -> None:
     factors = np.zeros((2, 4, 4))
     factors[:, 0] = [[1, 2, 3, 4], [0, 1, 0, 1]]

@@ -1,4 +1,4 @@
-"""Whitened rows: those of a dense computation, in stretches, blocks, parts and pulls; white, and of unit variance."""
+"""Whitened rows: those of a dense computation, in stretches, blocks, parts and pulls."""
 
 from __future__ import annotations
 
@@ -9,11 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from dynident.models import Structure
 from dynident.models.lagrangian import two_link_arm
 from dynident.motion.log import Motion
 from dynident.regression import (
-    EntryBlock,
     ParallelFilter,
     Regression,
     Selection,
@@ -31,7 +29,12 @@ Array = NDArray[np.float64]
 ARM = two_link_arm()
 S = np.array([[2.0, 0.8], [0.8, 1.0]]) * 1e-4
 NOISE = Whitening((np.array([0.9, -0.3, 0.1]), np.array([0.5])), S)
-WAYS = [(None, None), (None, (0.3, 0.2)), (ParallelFilter(decimate=3), (0.3, 0.2))]
+WAYS = [
+    (None, None, NOISE),
+    (None, (0.3, 0.2), NOISE),
+    (ParallelFilter(decimate=3), (0.3, 0.2), NOISE),
+    (None, None, replace(NOISE, covariance=np.diag([2e-4, 1e-4]))),
+]
 
 
 def holed(samples: int = 2600) -> Motion:
@@ -81,11 +84,13 @@ def dense(plain: Regression, noise: Whitening) -> tuple[Array, int]:
     return G, count
 
 
-@pytest.mark.parametrize(("low", "slow"), WAYS, ids=str)
-def test_rows_are_those_of_a_dense_computation(low: ParallelFilter | None, slow: tuple[float, ...] | None) -> None:
+@pytest.mark.parametrize(("low", "slow", "noise"), WAYS)
+def test_rows_are_those_of_a_dense_computation(
+    low: ParallelFilter | None, slow: tuple[float, ...] | None, noise: Whitening
+) -> None:
     plain = Regression(ARM, (holed(),), Selection(low, slow))
-    regression = replace(plain, whitening=NOISE)
-    G, rows = dense(plain, NOISE)
+    regression = replace(plain, whitening=noise)
+    G, rows = dense(plain, noise)
     assert regression.triangular_factors.total == rows
     R = regression.triangular_factors.stack()
     np.testing.assert_allclose(R.T @ R, G, atol=1e-12 * np.abs(G).max())
@@ -112,31 +117,6 @@ def test_columns_that_depend_on_others_do_so_in_mixed_rows() -> None:
     G, _ = dense(plain, noise)
     R = regression.triangular_factors.stack()
     np.testing.assert_allclose(R.T @ R, G, atol=1e-11 * np.abs(G).max())
-
-
-def test_whitened_noise_is_white_and_of_unit_variance() -> None:
-    rng, samples = np.random.default_rng(0), 20_000
-    u = rng.standard_normal((samples + 500, 2)) @ np.linalg.cholesky(S).T
-    e = np.stack([lfilter([1.0], np.append(1.0, -a), u[:, j])[500:] for j, a in enumerate(NOISE.coefficients)])
-    none = Structure((np.zeros(0, dtype=np.intp),) * 2, (np.zeros((0, 1)),) * 2)
-    white = NOISE.rows(EntryBlock(none, np.zeros((0, samples)), e), NOISE.structure(none)).tau
-    far = 4.5 / np.sqrt(samples)  # less likely than 1e-5 for one number
-    np.testing.assert_allclose(white @ white.T / samples, np.eye(2), atol=1.5 * far)
-    for lag in range(1, 6):
-        assert np.abs(white[:, lag:] @ white[:, :-lag].T / samples).max() < far
-    assert np.abs(np.corrcoef(e)[0, 1]) > 0.3 > far  # which the noise is not
-    assert e[0, 1:] @ e[0, :-1] > 0.5 * e[0] @ e[0]
-
-
-def test_the_first_rows_of_a_stretch_have_unit_variance_too() -> None:
-    rng, runs = np.random.default_rng(1), 4000
-    a = np.array([1.2, -0.5])
-    e = lfilter([1.0], np.append(1.0, -a), rng.standard_normal((runs, 300)), axis=1)[:, -4:]
-    none = Structure((np.zeros(0, dtype=np.intp),), (np.zeros((0, 1)),))
-    stretches, keep = np.pad(e, ((0, 0), (0, 1))).reshape(1, -1), np.tile([True] * 4 + [False], runs)[None]
-    block = EntryBlock(none, np.zeros((0, 5 * runs)), stretches, keep)
-    white = Whitening((a,), np.eye(1)).rows(block, none).tau.reshape(runs, 5)[:, :4]
-    np.testing.assert_allclose(white.T @ white / runs, np.eye(4), atol=4.5 * np.sqrt(2 / runs))
 
 
 def test_ages_count_the_rows_before() -> None:

@@ -1,6 +1,5 @@
 import json
 from dataclasses import replace
-from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -66,18 +65,6 @@ def test_thin_keeps_ends_extremes_and_order(n):
     np.testing.assert_array_equal(thin_y, y[np.searchsorted(t, thin_t)])
 
 
-def test_thin_keeps_the_extremes_of_every_bucket():
-    """An oscillation far faster than the buckets keeps its envelope everywhere."""
-    t = np.linspace(0, 1, 50_000)
-    y = t * np.cos(np.pi * np.arange(len(t)))
-    thin_t, thin_y = figures.thin(t, y, 500)
-    edges = np.linspace(0.05, 1, 20)
-    for start, stop in pairwise(edges):
-        part = thin_y[(thin_t >= start) & (thin_t <= stop)]
-        assert part.max() > 0.99 * (stop - 0.01)
-        assert part.min() < -0.99 * (stop - 0.01)
-
-
 @pytest.mark.parametrize("hole", [slice(0, 3000), slice(4000, 4700), slice(9000, 10_000)])
 def test_thin_keeps_gaps_open(hole):
     t, y = np.arange(10_000.0), np.sin(np.arange(10_000) / 300)
@@ -87,7 +74,7 @@ def test_thin_keeps_gaps_open(hole):
     assert len(thin_t) <= 600
     assert inside.any()
     np.testing.assert_array_equal(np.isnan(thin_y), inside)
-    assert np.nanmax(thin_y) == np.nanmax(y)
+    assert (np.nanmin(thin_y), np.nanmax(thin_y)) == (np.nanmin(y), np.nanmax(y))
 
 
 def test_thin_leaves_short_curves_alone_and_rejects_too_few_points():
@@ -135,18 +122,6 @@ def test_trace_figure_ranges_over_what_every_method_may_use():
     assert figures.trace_figure(apart, 0, "dq").layout.yaxis.range is None
 
 
-def test_spread_figure_shows_each_relative_error():
-    figure = figures.spread_figure(study(np.array([[2.2, -4.0], [1.0, 4.0]]), (1e-4, 1e-8), ("raw", "spline")))
-    assert len(figure.data) == 4
-    assert [trace.yaxis for trace in figure.data] == ["y2", "y2", "y", "y"]
-    box = figure.data[0]
-    assert list(box.x) == ["theta1", "theta1", "theta2", "theta2"]
-    np.testing.assert_allclose(np.sinh(box.y), [10, -50, 0, 200], rtol=1e-5, atol=1e-5)
-    np.testing.assert_allclose(box.customdata[:, 0], [2.2, 1.0, -4.0, 4.0], rtol=1e-6)
-    assert [trace.showlegend for trace in figure.data] == [True, True, False, False]
-    assert max(figure.layout.yaxis.tickvals) == pytest.approx(np.arcsinh(1000))
-
-
 def test_spread_figure_of_many_runs_keeps_quartiles_and_extremes():
     many = np.random.default_rng(0).normal(size=(5000, 2))
     box = figures.spread_figure(study(many)).data[0]
@@ -157,17 +132,6 @@ def test_spread_figure_of_many_runs_keeps_quartiles_and_extremes():
 
 def test_spread_figure_leaves_out_cases_without_an_estimate():
     assert len(figures.spread_figure(study(np.empty((0, 2)))).data) == 0
-
-
-def test_torque_figure_shows_measured_predicted_and_residual():
-    held = motion(lambda t: (t < 4) | (t > 5))
-    measured, predicted, residual = figures.torque_figure(validation(held), "joint2").data
-    for trace in (measured, predicted, residual):
-        np.testing.assert_array_equal(np.isnan(trace.y), ~held.mask)
-    np.testing.assert_allclose(measured.y[held.mask], held.tau[held.mask, 1], rtol=1e-6)
-    np.testing.assert_allclose(predicted.y[held.mask] - measured.y[held.mask], 0.25, rtol=1e-5)
-    np.testing.assert_allclose(residual.y[held.mask], -0.25, rtol=1e-5)
-    assert (measured.yaxis, residual.yaxis) == ("y", "y2")
 
 
 def test_torque_figure_keeps_a_spike_of_one_sample():
@@ -194,15 +158,6 @@ def test_figures_name_the_joints_to_choose_from():
         figures.motion_figure(motion(), "joint3")
     with pytest.raises(InputError, match=message):
         figures.torque_figure(validation(motion()), "joint3")
-
-
-def test_motion_figure_shows_the_three_derivatives():
-    held = motion()
-    figure = figures.motion_figure(held, "joint1", unit="m")
-    for trace, values in zip(figure.data, (held.q, held.dq, held.ddq), strict=True):
-        np.testing.assert_allclose(trace.y, values[:, 0], rtol=1e-6)
-    assert figure.layout.yaxis2.title.text == "velocity, m/s"
-    assert [trace.yaxis for trace in figure.data] == ["y", "y2", "y3"]
 
 
 def intervals(std, units=("kg", "kg", "N m"), true=(), names=("a", "b", "c")):

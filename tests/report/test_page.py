@@ -20,7 +20,6 @@ from dynident.report.page import (
     Gallery,
     PageSection,
     PageTable,
-    pair_table,
     plotly_packed,
     relative_link,
     render,
@@ -92,16 +91,6 @@ def test_number(value, digits, text):
 def test_a_row_that_does_not_fit_is_named():
     with pytest.raises(ValueError, match="Table 'errors': row 1 has 1 cells for 2 columns"):
         PageTable((Column("a"), Column("b")), (("1", "2"), ("1",)), "errors")
-
-
-def test_neighbouring_columns_share_a_heading():
-    table = PageTable((Column("a"), Column("own", "raw"), Column("printed", "raw"), Column("own", "spline")), ())
-    assert table.groups == (("", 1), ("raw", 2), ("spline", 1))
-    assert pair_table("setting", [("x", "1")]).groups == ()
-    page = render("t", "l", [PageSection("s", (table,))])
-    assert '<th colspan="2" scope="colgroup">raw</th>' in page
-    assert "<tr hidden>" not in page
-    assert "<tr hidden>" in render("t", "l", [PageSection("s", (pair_table("", [("file", "arm.urdf")]),))])
 
 
 def test_every_kind_of_block_is_shown():

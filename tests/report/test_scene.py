@@ -12,10 +12,7 @@ from dynident.report.scene import (
     Layer,
     MovingTrace,
     Replay,
-    centre_marks,
     ellipsoid_circles,
-    legend_key,
-    lighten_colour,
     scene_figure,
     solid,
     solid_ellipsoids,
@@ -115,12 +112,3 @@ def test_circles_lie_on_the_ellipsoid_with_gaps_between() -> None:
 
 def test_a_rod_is_still_seen() -> None:
     assert np.ptp(solid_ellipsoids([ROD], "found").points, axis=0).min() > 0
-
-
-def test_marks_and_colours() -> None:
-    found = centre_marks({3: np.array([0.1, 0.2, 0.3])}, "centre", "circle")
-    assert found.body.tolist() == [3]
-    np.testing.assert_allclose(found.points, [[0.1, 0.2, 0.3]])
-    assert lighten_colour("#000000") == "#474747"
-    assert lighten_colour("#ffffff") == "#ffffff"
-    assert legend_key("by", "#ffffff")["x"] == [None]

@@ -1,10 +1,9 @@
-"""Free simulation: against an accurate integrator, with friction that holds, and in a controller's loop."""
+"""Free simulation: its pieces, with friction that holds, and in a controller's loop."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from importlib import import_module
 
 import numpy as np
 import pytest
@@ -16,8 +15,6 @@ from dynident.models.simulation import CascadePD, RunsAway, Singular, simulate
 from dynident.motion.log import Motion
 from dynident.runtime import ConfigError, InputError
 from dynident.validation import FreeRun, free_run
-
-trace_module = import_module("dynident.models.simulation.trace")
 
 ARM = two_link_arm()
 T = np.arange(1001) * 0.002
@@ -39,17 +36,6 @@ def cascade(t: np.ndarray, reference: np.ndarray, saturation: float = np.inf, ex
 def moved() -> Motion:
     """The arm in exact motion."""
     return simulate(ARM, ARM.values, lambda s: (1.13 * np.sin(s), 0.78 * np.cos(s)), T, tolerance=1e-10)
-
-
-def test_follows_the_exact_simulation_of_an_arm(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Against LSODA at 1e-12: the error (%) falls with the square of the step."""
-    errors = []
-    for every in (4, 2):
-        monkeypatch.setattr(trace_module, "STEP", every * T[1])
-        exact = moved().shift(0.0, np.arange(0, len(T), every))
-        errors.append(max(free_run(ARM, ARM.values, exact, restart=10.0).motion_error.values()))
-    assert errors[1] < 0.05
-    assert errors[1] < 0.35 * errors[0]
 
 
 def test_much_friction_on_little_inertia_needs_no_small_steps() -> None:

@@ -25,7 +25,7 @@ def moved(model: Model) -> Motion:
         return [np.sin((3.0 + k) * t) for k in range(len(model.joints))]
 
     return simulate(
-        model, model.values, torque, np.arange(5001 if len(model.joints) == 1 else 2501) * 0.002, tolerance=1e-9
+        model, model.values, torque, np.arange(5001 if len(model.joints) == 1 else 1501) * 0.002, tolerance=1e-9
     )
 
 

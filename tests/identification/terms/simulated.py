@@ -1,4 +1,4 @@
-"""An arm of three joints with a friction law that is known, at the speed of the training or faster."""
+"""An arm of three joints with a friction law that is known."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.identification.terms import library_kinds
 from dynident.models import Model, Past, RigidBodies
 from dynident.models.friction import Dahl
 from dynident.motion.filters import butterworth, zero_phase
@@ -27,6 +28,8 @@ ARM = urdf(
     joint("j2", "revolute", "shoulder", "upper", xyz=(0.2, 0, 0.3), axis=(0, 1, 0)),
     joint("j3", "revolute", "upper", "fore", xyz=(0.4, 0, 0), axis=(1, 0, 0)),
 )
+PLAIN = tuple(kind for kind in library_kinds() if kind.presumed)
+FEW = (*PLAIN, *(kind for kind in library_kinds() if kind.name in ("load_coulomb", "dahl")))
 SIZE = np.array([3.0, 1.5, 0.15])  # N m: of the friction of each joint
 
 
@@ -36,18 +39,18 @@ def bodies() -> RigidBodies:
     return RigidBodies(ARM)
 
 
-def states(seed: int, speed: float = 1.0, rows: int = 4000) -> tuple[Array, ...]:
+def states(seed: int, rows: int = 4000) -> tuple[Array, ...]:
     """Return t (N) and q, dq, ddq (N, 3) of a Fourier series."""
     rng, t = np.random.default_rng(seed), np.arange(rows) * 0.005
-    rate = 0.6 * speed * np.arange(1, 6)
+    rate = 0.6 * np.arange(1, 6)
     size, phase = rng.normal(size=(5, 3)) / np.arange(1, 6)[:, None], rng.uniform(0, 6, (5, 3))
     return t, *sines(t, size, rate[:, None], phase)
 
 
-def recorded(law: Law, seed: int, speed: float = 1.0, noise: float = 0.05) -> Motion:
+def recorded(law: Law, seed: int, noise: float = 0.05, rows: int = 4000) -> Motion:
     """Return a motion whose torque is that of the bodies and of a law: torques (N, 3) of t, q, dq and the load, per
     unit of SIZE; ``noise`` is that of the torque, half white, half below 4 Hz, relative to the size of the friction."""
-    t, q, dq, ddq = states(seed, speed)
+    t, q, dq, ddq = states(seed, rows)
     arm, rng = Model((bodies(),)), np.random.default_rng(seed + 1)
     theta = 1.1 * np.array([one.value for one in arm.parameters])
     load = arm.torque(q, dq, ddq, theta)
@@ -83,11 +86,6 @@ def wide(t: Array, q: Array, dq: Array, load: Array) -> Array:
     return viscous(t, q, dq, load) + np.tanh(dq / 0.1)
 
 
-def stribeck(t: Array, q: Array, dq: Array, load: Array) -> Array:
-    """The same with more friction at low speed."""
-    return coulomb(t, q, dq, load) + 0.8 * np.exp(-((dq / 0.15) ** 2)) * np.sign(dq)
-
-
 def by_load(t: Array, q: Array, dq: Array, load: Array) -> Array:
     """Friction that grows with the load."""
     return viscous(t, q, dq, load) + 1.5 * np.abs(load) / np.sqrt(np.mean(load**2, axis=0)) * np.tanh(dq / 0.05)
@@ -102,8 +100,3 @@ def dahl(t: Array, q: Array, dq: Array, load: Array) -> Array:
 def ripple(t: Array, q: Array, dq: Array, load: Array) -> Array:
     """Ripple of 32 cycles in a turn."""
     return coulomb(t, q, dq, load) + 0.3 * np.sin(32 * q + 0.4)
-
-
-def quadratic(t: Array, q: Array, dq: Array, load: Array) -> Array:
-    """Drag."""
-    return coulomb(t, q, dq, load) + 0.4 * np.abs(dq) * dq

@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.identification.terms import TrialOutcome, choose_terms, library_kinds
+from dynident.identification.terms import TrialOutcome, choose_terms
 from dynident.identification.terms.motors import coupled_motors
 from dynident.models import CoupledFriction, CoupledMotor, Model
 from tests.identification.terms import simulated
-from tests.identification.terms.simulated import bodies, recorded
+from tests.identification.terms.simulated import PLAIN, bodies, recorded
 
-PLAIN = tuple(kind for kind in library_kinds() if kind.presumed)
 SHARES = {"j2": 1.0, "j3": 1.0}
 
 

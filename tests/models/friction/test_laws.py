@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from dynident.models import FUNCTIONS, Joint, Model, Past
+from dynident.models import Joint, Model
 from dynident.models.friction import (
     AsymmetricCoulomb,
     AsymmetricViscous,
     Coulomb,
-    Drift,
     Offset,
     Power,
     Ripple,
@@ -49,15 +48,6 @@ def test_each_joint_has_its_own_column(term, diagonal):
     np.testing.assert_allclose(regressor(term), np.array(diagonal)[:, :, None] * np.eye(3), rtol=1e-14)
 
 
-@pytest.mark.parametrize("width", [0.0, 0.1])
-def test_the_stribeck_effect_falls_to_1_e_at_its_velocity_and_is_gone_far_above(width):
-    dq = np.array([[0.0], [1e-9], [0.2], [-0.2], [0.1], [10.0]])
-    sign = np.tanh(dq / width) if width else np.sign(dq)
-    found = Stribeck(JOINTS[:1], velocity=0.2, width=width).regressor(dq, dq, dq)[:, :, 0]
-    expected = sign * np.array([[1.0], [1.0], [np.exp(-1)], [np.exp(-1)], [np.exp(-0.25)], [0.0]])
-    np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-15)
-
-
 def test_friction_of_both_directions():
     joints, dq = JOINTS[:2], np.array([[1.0, 2.0], [-1.0, -2.0]])
     terms = Coulomb(joints), AsymmetricCoulomb(joints, width=0.01), Viscous(joints), AsymmetricViscous(joints)
@@ -76,12 +66,6 @@ def test_a_turning_spring_is_a_fourier_series_and_a_sliding_one_has_powers():
     )
 
 
-def test_a_ripple_repeats_with_the_position():
-    q, term = np.random.default_rng(0).uniform(-3, 3, (10, 3)), Ripple(JOINTS, cycles=(12, 36))
-    shifted = term.regressor(q + 2 * np.pi / 12, q, q)
-    np.testing.assert_allclose(shifted, term.regressor(q, q, q), atol=1e-12)
-
-
 def test_a_delay_is_that_of_the_torque_in_time():
     t, delay = np.linspace(0, 1, 50)[:, None], np.array([0.002, -0.003])
     q, dq = np.sin(3 * t) * [1.0, 0.5], 3 * np.cos(3 * t) * [1.0, 0.5]
@@ -90,35 +74,6 @@ def test_a_delay_is_that_of_the_torque_in_time():
     late, none = term.regressor(q, dq, 0 * q), Ripple(JOINTS[::2], cycles=40)
     np.testing.assert_allclose(late, none.regressor(before, dq, 0 * q), atol=40 * 9 * 0.003**2 / 2)
     assert np.abs(late - none.regressor(q, dq, 0 * q)).max() > 0.2
-
-
-def test_most_of_a_drift_is_over_after_its_time():
-    t = np.array([100.0, 110.0, 120.0, 1000.0])
-    still = np.zeros((4, 1))
-    found = Drift((Joint("a"),), time=10.0).remember(Past(t, still, still, still, still))
-    np.testing.assert_allclose(found[:, 0], 1.0 - np.exp([0.0, -1.0, -2.0, -90.0]))
-
-
-@pytest.mark.parametrize(
-    ("term", "parameters"),
-    [
-        (Viscous(JOINTS[:2]), [("Fv_base", "N m s/rad"), ("Fv_rail", "N s/m")]),
-        (Coulomb(JOINTS[:2]), [("Fc_base", "N m"), ("Fc_rail", "N")]),
-        (Offset(JOINTS[:2]), [("offset_base", "N m"), ("offset_rail", "N")]),
-        (AsymmetricViscous(JOINTS[:2]), [("Fva_base", "N m s/rad"), ("Fva_rail", "N s/m")]),
-        (
-            Power(JOINTS[:2], exponent={"base": 0.5, "rail": 2}),
-            [("Fp_base", "N m (s/rad)^0.5"), ("Fp_rail", "N (s/m)^2")],
-        ),
-        (
-            Spring(JOINTS[:2], order={"base": 1, "rail": 2}),
-            [("spring_base_sin1", "N m"), ("spring_base_cos1", "N m"), ("spring_rail_q1", "N/m"),
-             ("spring_rail_q2", "N/m^2")],
-        ),
-    ],
-)  # fmt: skip
-def test_names_and_units_follow_the_joints(term, parameters):
-    assert [(one.name, one.unit) for one in term.parameters] == parameters
 
 
 @pytest.mark.parametrize(
@@ -138,14 +93,6 @@ def test_names_and_units_follow_the_joints(term, parameters):
 )  # fmt: skip
 def test_meanings_are_those_of_each_joint(term, words):
     assert [one.expression for one in term.parameters] == words
-
-
-def test_a_subset_in_its_own_order():
-    term = Viscous(JOINTS, on=("wrist", "base"))
-    assert [p.name for p in term.parameters] == ["Fv_wrist", "Fv_base"]
-    expected = np.zeros((2, 3, 2))
-    expected[:, 2, 0], expected[:, 0, 1] = DQ[:, 2], DQ[:, 0]
-    np.testing.assert_array_equal(regressor(term), expected)
 
 
 def test_names_expressions_and_values_can_be_given():
@@ -208,11 +155,6 @@ def test_a_term_without_a_law_says_what_it_lacks():
 
     with pytest.raises(ModelError, match="Mute: give its torque as text by `law`, or by a method `shapes`"):
         regressor(Mute(JOINTS))
-
-
-def test_the_sign_has_a_dead_band():
-    assert FUNCTIONS["sign"](np.array([-2.0, -0.5, 0.0, 0.5, 2.0]), 1.0).tolist() == [-1, 0, 0, 0, 1]
-    assert FUNCTIONS["sign"](np.array([-2.0, 0.0])).tolist() == [-1, 0]
 
 
 def test_there_is_one_for_each_joint():

@@ -53,16 +53,6 @@ def test_arm_follows_the_motion_its_torque_was_computed_from():
     np.testing.assert_allclose(motion.ddq, ddq, rtol=0, atol=1e-6)
 
 
-def test_slider_comes_up_to_speed():
-    """Past the smooth part of the Coulomb friction, dq tends exponentially to (F - Fc - offset) / Fv."""
-    rail = slider(1e-3, SLIDER)
-    M, Fv, Fc, offset = rail.values
-    t, dq0 = np.linspace(0.0, 3.0, 31), 0.1
-    motion = simulate(rail, rail.values, lambda t: [10.0], t, dq0=[dq0])
-    end = (10 - Fc - offset) / Fv
-    np.testing.assert_allclose(motion.dq[:, 0], end + (dq0 - end) * np.exp(-Fv / M * t), rtol=0, atol=1e-9)
-
-
 def test_motion_is_consistent_with_the_model():
     """The acceleration is the exact forward dynamics, the torque the one applied, and all samples are usable."""
     arm = two_link_arm()
@@ -206,13 +196,6 @@ def test_record_without_noise_is_the_truth(truth):
     assert (log.joints, log.source, log.dq) == (truth.joints, "truth", None)
 
 
-def test_record_is_reproducible(truth):
-    first, second, other = (record(truth, 1e-3, 0.1, np.random.default_rng(s), source="s").log for s in (1, 1, 2))
-    np.testing.assert_array_equal(first.q, second.q)
-    assert (first.q != other.q).any()
-    assert first.source == "s"
-
-
 @pytest.mark.parametrize(
     ("sigmas", "message"),
     [
@@ -232,7 +215,7 @@ def test_what_terms_remember_is_integrated():
     joints = pendulum().joints
     length, theta = 0.05, np.array([0.0825, 0.25, 0.3, 0.1, 0.05])
     terms = Dahl(joints, length=length), LoadCoulomb(joints, width=0.2), Drift(joints, time=0.5)
-    model, t = pendulum().with_terms(*terms).with_load(theta), np.linspace(0.0, 0.16, 81)
+    model, t = pendulum().with_terms(*terms).with_load(theta), np.linspace(0.0, 0.1, 51)
     motion = simulate(model, theta, lambda s: [np.sin(15 * s)], t, [0.3], tolerance=1e-9)
     np.testing.assert_allclose(model.torque(**motion.states(), theta=theta), motion.tau, atol=1e-9)
     np.testing.assert_allclose(model.remembering(motion).memory, motion.memory, atol=2e-5)
@@ -245,5 +228,5 @@ def test_what_terms_remember_is_integrated():
             ddq = -(weight + 0.1 * np.abs(0.0825 * ddq + weight) * np.tanh(dq / 0.2) + rest) / 0.0825
         return [dq, ddq, (dq - np.abs(dq) * z) / length]
 
-    exact = solve_ivp(slope, (0.0, 0.16), [0.3, 0.0, 0.0], t_eval=t, rtol=1e-10, atol=1e-12)
+    exact = solve_ivp(slope, (0.0, 0.1), [0.3, 0.0, 0.0], t_eval=t, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(motion.q[:, 0], exact.y[0], atol=1e-6)

@@ -51,14 +51,6 @@ def test_words_of_a_result(identification):
     assert json.loads(json.dumps(result)) == result
 
 
-def test_page_tells_the_findings_in_sentences(page):
-    assert "7 parameters of 2 joints from 2 logs. Training: swing.csv; held out: reach.csv." in page
-    assert "the torque error is 5.1\u00a0% on held-out motion" in page
-    assert "6 of 7 parameters have a standard error of at most 10\u00a0%; less certain: theta3." in page
-    assert "Status of the fit: not determined individually: theta3." in page
-    assert "elbow hardly moves" in page
-
-
 def test_page_says_when_nothing_was_held_out_or_warned_of():
     page = body(identification_of(logs=("swing.csv",), warnings=()))
     assert "no log was held out; training 1.10\u00a0%" in page
@@ -70,21 +62,6 @@ def test_of_several_held_out_logs_the_worst_counts():
     identification = identification_of(logs=("a", "b", "c"))
     identification.validations[2].errors.relative_error = 7.25
     assert "<dt>torque error, held out</dt><dd>7.25 %</dd>" in body(identification)
-
-
-def test_page_shows_every_log_and_joint(page):
-    outline = Outline(page)
-    assert outline.count("figure") == 1 + 1 + 1 + 2 * 2 + 2 * 2  # the worst joint, parameters, errors, torques, motions
-    assert page.count('<p class="key">swing.csv (training), elbow</p>') == 2
-    assert page.index('<p class="key">reach.csv (held out), shoulder</p>') < page.index(
-        '"key">swing.csv (training), sh'
-    )
-    assert "elbow: relative error 4.50 %, rmse 0.0200 N m." in page
-    assert '<td class="words">theta3</td><td class="number">0.005850</td>' in page
-    assert '<td class="words">elbow</td><td class="number">0.001000</td><td class="number">1200</td>' in page
-    assert "Method spline, note S = n." in page
-    assert "least squares" in page
-    assert '<td class="number">\u22121.500 rad</td>' in page  # a limit of the joint
 
 
 def test_a_smoother_that_tells_nothing_and_parameters_of_zero_are_reported_too(identification):
@@ -171,17 +148,6 @@ def test_the_page_says_whether_errors_count_those_of_the_motion_and_how_fast_the
     assert "They count the errors of the motion, too." in body(identification)
 
 
-def test_terminal_tables_hold_parameters_and_errors(identification):
-    console = rich.console.Console(width=100, file=io.StringIO(), color_system=None)
-    parameters, logs, joints = identification_tables(identification)
-    console.print(*map(TerminalTable, (parameters, logs, joints)))
-    shown = console.file.getvalue()
-    rows = {line.split()[0]: line.split() for line in shown.splitlines() if line.strip()}
-    assert rows["theta1"][:6] == ["theta1", "0.03400", "0.00040", "1.2", "0.03400", "kg"]
-    assert "theta3" not in rows
-    assert (len(parameters.rows), len(logs.rows), len(joints.rows)) == (6, 2, 4)
-
-
 def robot(bodies=5, basis=True):
     """An arm of two joints with ten inertial parameters per body; the last body shows nothing in the data."""
     inertial = [Parameter(f"{role}{k}", "kg", role=role, body=f"link{k}") for k in range(bodies) for role in INERTIAL]
@@ -238,12 +204,6 @@ def test_a_base_parameter_that_constraints_moved_is_shown_without_them_too():
     page = body(found)
     assert page.count("without constraints</th>") == 1
     assert page.count(">0.7500</td>") == 1
-
-
-def test_a_model_without_base_parameters_has_no_such_section(page):
-    assert "Base parameters" not in page
-    assert "Smallest eigenvalue" not in page
-    assert "<th>determined by" not in page
 
 
 def test_a_terminal_shows_of_a_large_robot_what_is_not_inertial():

@@ -9,7 +9,6 @@ import pytest
 
 from dynident.estimators import PhysicallyConsistent
 from dynident.identification.links import BodyInertia, DeterminedBy, link_inertias
-from dynident.models import lagrangian as gallery
 from dynident.models.geometry import build_geometry
 from dynident.report.identification import parameters as module
 from dynident.report.identification.parameters import drawing_notes, link_section, link_title
@@ -33,13 +32,6 @@ def test_file_and_found_stand_side_by_side() -> None:
     kinds = (DeterminedBy.DATA, DeterminedBy.PRIOR)
     for row, link in zip(by.rows, link_inertias(found), strict=True):
         assert [int(one) for one in row[1:]] == [link.by.get(one, 0) for one in kinds]
-
-
-def test_least_squares_shows_the_file_and_says_why() -> None:
-    (section,) = link_section(identified())
-    assert "least squares does not choose" in section.blocks[0]
-    mass = next(one for one in section.blocks if isinstance(one, PageTable))
-    assert {one.title for one in mass.columns} == {"link", "file"}
 
 
 def test_what_is_sure_in_part_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -68,10 +60,6 @@ def test_shapes_that_are_not_known_are_named() -> None:
     rods, missing = drawing_notes(geometry)
     assert rods == "Drawn as rods between the joints, as their shapes are not known: slide, <b>hand, finger."
     assert missing == "Meshes that could not be read: missing.stl (there is no such file)."
-
-
-def test_a_model_without_a_robot_file_has_no_such_section() -> None:
-    assert list(link_section(replace(identified(), model=gallery.slider()))) == []
 
 
 def test_links_that_are_one_body() -> None:

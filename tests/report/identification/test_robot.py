@@ -12,9 +12,7 @@ import pytest
 from dynident.estimators import PhysicallyConsistent
 from dynident.identification.links import DeterminedBy
 from dynident.models import Model, RigidBodies
-from dynident.models import lagrangian as gallery
 from dynident.models.geometry import build_geometry
-from dynident.report.identification import identification_page
 from dynident.report.identification.robot import COLOURS, robot_blocks, robot_view
 from dynident.report.page import Figure
 from tests.report.robots import TREE, identified
@@ -76,28 +74,8 @@ def test_a_small_view_follows_without_a_player() -> None:
         assert scene["camera"]["center"][axis] == pytest.approx(side, abs=1e-6)
 
 
-def test_a_model_without_a_robot_file_has_no_view() -> None:
-    other = replace(identified(), model=gallery.slider())
-    assert list(robot_blocks(other)) == []
-    assert robot_view(other) is None
-
-
 def test_a_robot_file_without_masses_has_no_view() -> None:
     bare = RigidBodies(re.sub("<(inertial|collision)>.*?</\\1>", "", TREE, flags=re.DOTALL), ("pan", "reach", "wrist"))
     other = replace(identified(), model=Model((bare,)))
     assert list(robot_blocks(other, build_geometry(bare))) == []
     assert robot_view(other, build_geometry(bare)) is None
-
-
-def test_the_page_links_figures_over_time_with_the_view() -> None:
-    page = identification_page(identified())
-    assert page.count('"meta":{"run":"tuesday (held out)"}') == 7  # the head, torque and motion of three joints
-    assert page.count('class="player"') == 1
-    assert "<h2>The robot and its torques</h2>" in page
-    assert "<b>hand" not in page
-
-
-def test_the_facts_of_the_robot_say_how_the_motion_was_made() -> None:
-    page = identification_page(identified())
-    for name in ("gravity in the base frame", "estimator", "smoother"):
-        assert f">{name}<" in page, name

@@ -28,18 +28,6 @@ def run(name="reach.csv", joints=("shoulder", "elbow"), failure=None):
     )  # fmt: skip
 
 
-def test_the_page_begins_with_the_verdict(page):
-    assert '<h2>Verdict <span class="badge bad">do not use</span></h2>' in page
-    assert page.index('class="badge bad"') < page.index('<dl class="facts large">') < page.index("Robot and data</h2>")
-    assert "<dt>torque error, held out</dt><dd>5.10 %</dd>" in page
-    assert "<dt>worst joint, held out</dt><dd>4.50 %</dd>" in page
-    assert '<dd>0.40 %</dd><dd class="note">shoulder: 0.0200 N m of 5.00</dd>' in page
-    assert "The mass matrix is positive definite" in page
-    assert "What to do next" in page
-    assert "What is left of the torque, unfiltered" in page
-    assert "Free simulation beside" not in page
-
-
 def test_the_terminal_says_it_in_one_paragraph():
     found = identification_of(logs=("swing.csv",))
     words, steps = verdict_text(found), next_step_texts(found)

@@ -1,12 +1,10 @@
-"""Dahl's friction follows its differential equation; friction by the load is that without it, times the load."""
+"""Dahl's friction follows its differential equation."""
 
 import numpy as np
-import pytest
 from scipy.integrate import solve_ivp
 
 from dynident.models import Joint, Past
-from dynident.models.friction import Coulomb, Dahl, LoadCoulomb, LoadDahl, LoadViscous, Viscous
-from dynident.testing.term import make_past
+from dynident.models.friction import Dahl
 
 JOINTS = (Joint("a"), Joint("b"))
 LENGTH = 0.05
@@ -51,37 +49,3 @@ def test_it_is_bounded_and_tends_to_the_sign_of_the_velocity():
     fast = (np.abs(dq[:, 0]) > 0.1) & (t > 0.01)
     np.testing.assert_allclose(found[fast, 0], np.sign(dq[fast, 0]), atol=1e-9)
     assert np.abs(found[:, 1]).max() < 0.8, "a long one does not slide"
-
-
-PAIR = (Joint("a"), Joint("rail", "prismatic"))
-PAST = make_past(2)
-
-
-@pytest.mark.parametrize(
-    ("term", "plain"),
-    [
-        (LoadCoulomb(PAIR), Coulomb(PAIR)),
-        (LoadCoulomb(PAIR, width=0.3), Coulomb(PAIR, width=0.3)),
-        (LoadViscous(PAIR), Viscous(PAIR)),
-        (LoadDahl(PAIR, length=0.02), Dahl(PAIR, length=0.02)),
-    ],
-)
-def test_it_is_friction_times_the_load(term, plain):
-    states = PAST.q, PAST.dq, PAST.ddq
-    memory = [one.remember(PAST) if hasattr(one, "remember") else None for one in (term, plain)]
-    found, expected = (
-        one.regressor(*states, *([] if m is None else [m])) for one, m in zip((term, plain), memory, strict=True)
-    )
-    np.testing.assert_allclose(found, expected * np.abs(PAST.load)[:, :, None], rtol=1e-12)
-
-
-def test_units_are_those_of_torque_per_torque():
-    assert [one.unit for one in LoadCoulomb(PAIR).parameters] == ["1", "1"]
-    assert [one.unit for one in LoadViscous(PAIR).parameters] == ["s/rad", "s/m"]
-    assert {one.role for one in LoadDahl(PAIR).parameters} == {"coulomb"}
-
-
-def test_only_the_joints_it_is_on_are_remembered():
-    term = LoadCoulomb(PAIR, on=("rail",))
-    past = Past(PAST.t, PAST.q, PAST.dq, PAST.ddq, PAST.load)
-    np.testing.assert_array_equal(term.remember(past), PAST.load[:, 1:])

@@ -16,7 +16,8 @@ from dynident.regression import EVERYTHING, Selection, fitted_mask
 from dynident.runtime import Noun
 from dynident.runtime.arrays import Array
 
-MAX_SAMPLES = 20_000  # of all motions together: the choice needs no more
+# of all motions together, and these times the joints: the choice needs no more
+MAX_SAMPLES, MAX_ROWS = 20_000, 70_000
 BLOCKS = 16  # of time, of all motions together; at least one of each motion
 # quantiles of speed and of the distance from the middle that divide the samples of a joint
 FAST_QUANTILE, OUTER_QUANTILE = 0.6, 0.7
@@ -121,7 +122,8 @@ def select_samples(
 ) -> TermSamples:
     """Return at most ``max_samples`` of the motions, every k-th; motions without two usable ones are left out."""
     usable = [motion for motion in motions if motion.mask.sum() > 1]
-    step = -(-sum(int(motion.mask.sum()) for motion in usable) // max_samples)
+    most = min(max_samples, MAX_ROWS // len(model.joints))
+    step = -(-sum(int(motion.mask.sum()) for motion in usable) // most)
     thinned = tuple(model.remembering(motion.shift(0.0, np.arange(0, len(motion), step))) for motion in usable)
     thinned = tuple(motion for motion in thinned if motion.mask.sum() > 1)
     rows = tuple(np.flatnonzero(motion.mask) for motion in thinned)

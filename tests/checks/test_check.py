@@ -12,7 +12,9 @@ import pytest
 from dynident.checks import file_notes, motion_notes, robot_notes, run_checks, with_findings
 from dynident.checks.motion_notes import SearchKind, SearchLeftOut
 from dynident.identification import Recipe, identify
+from dynident.identification.calibration import with_plain_terms
 from dynident.models import Model, RigidBodies, Term
+from dynident.models.friction import Coulomb, Viscous
 from dynident.models.lagrangian import slider
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Butterworth, Difference, Smoother, Spline
@@ -188,6 +190,14 @@ def moved() -> Log:
 @pytest.fixture(scope="module")
 def sound_arm(moved: Log):
     return set(run_checks(ARM, {"train": {"one": moved}}).findings)
+
+
+def test_a_torque_without_friction_is_said_where_none_was_chosen(moved: Log) -> None:
+    bare = Model(tuple(term for term in ARM.terms if not isinstance(term, (Viscous, Coulomb))))
+    tau = bare.torque(moving_arm.MOVED.q, moving_arm.MOVED.dq, moving_arm.MOVED.ddq, moving_arm.truth(bare))
+    logs = {"train": {"one": replace(moved, tau=tau)}}
+    assert "friction" not in topics(run_checks(bare, logs))
+    assert "friction" in topics(run_checks(bare, logs, plain=with_plain_terms(bare)))
 
 
 @pytest.mark.parametrize("dead", [0, 2])

@@ -18,6 +18,8 @@ OTHERS = tuple(robot_notes.Rival(f"j{k}", one, 0.1) for k, one in enumerate(robo
 ROBOT_NOTES = [
     *(file_notes.JointsSwapped(("a", "b"), channel, 30.0, 2.0) for channel in AffectedColumns),
     *(file_notes.ColumnReversed(channel, 30.0, 2.0) for channel in AffectedColumns),
+    file_notes.OtherZero(-90, 30.0, 2.0),
+    *(file_notes.MotorCoupled("a", "b", sign, channel, 30.0, 2.0) for sign in (1, -1) for channel in AffectedColumns),
     file_notes.OtherAxis((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), 30.0, 2.0),
     robot_notes.TorqueGain(1.25, 0.01, 0.2, OTHERS),
     robot_notes.ZeroOff(0.1, 0.01, 0.2, removed=(("a", 0.5), ("b", 0.25))),

@@ -282,13 +282,15 @@ class NoFriction(Note):
     """Friction is at most ``share`` (%) of the torque of any joint."""
 
     topic = "friction"
+    advises = True
     share: float
 
     def __str__(self) -> str:
         return (
-            f"the torque shows almost no friction: at most {percent(self.share, 2)} of any joint's. Was it logged "
-            "after friction compensation, measured behind the gears, or simulated without friction? The model then "
-            "gives the torque of the links: for feedforward, add the friction of the drives."
+            f"the torque shows almost no friction: at most {percent(self.share, 2)} of any joint's. Was it computed "
+            "by the controller instead of measured, logged after friction compensation, measured behind the gears, or "
+            "simulated without friction? The model then gives the torque of the links, at best: for feedforward, add "
+            "the friction of the drives."
         )
 
 

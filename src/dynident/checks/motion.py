@@ -118,7 +118,7 @@ def repeat_findings(logs: Mapping[str, Mapping[str, Log]]) -> Iterator[Finding]:
 SLOW_SPEED_SHARE = 0.02  # of the peak speed: below, a joint hardly moves
 LIMIT_TOLERANCE = 1.02  # x the limit
 RANGE_TOLERANCE = 0.02  # share of the range (or rad, m) past a limit of position
-MAX_RANGE_RATIO = 3.0  # times the range that the file allows
+MAX_RANGE_RATIO = 10.0  # times the range that the file allows: beyond, the unit is wrong, or the range
 MIN_PEAK_SPEED = 1e-3  # rad/s or m/s: peak speed of a joint that moves at all
 MIN_REVERSALS = 2  # reversals below which friction and offset are strongly correlated
 MAX_CONDITION = 1e4  # condition number of the base parameters above which they are strongly correlated

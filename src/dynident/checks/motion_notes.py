@@ -135,8 +135,8 @@ class PositionBeyondLimits(Note):
 
     @property
     def forbidden(self) -> Use | None:
-        """Simulation where it is far beyond, as the unit is then wrong, or the file's range."""
-        return Use.SIMULATION if self.far else None
+        """Any where it is far beyond: the unit is then wrong, or the file's range."""
+        return Use.CONTROL if self.far else None
 
     def __str__(self) -> str:
         return (

@@ -186,8 +186,8 @@ def _order_actions(
 
 
 def _finding_reasons(identification: Identification, use: Use) -> Iterator[Reason]:
-    """Yield findings of the checks and notes of the estimate that forbid a use, each kind once."""
-    notes = (Finding(note, severity=note.severity) for note in identification.estimate.notes)
+    """Yield findings of the checks and notes that forbid a use, each kind once."""
+    notes = (Finding(x, severity=x.severity) for x in (*identification.estimate.notes, *identification.notes))
     kinds: dict[object, list[Finding]] = {}
     for finding in (*identification.findings, *notes):
         if finding.forbids is use:

@@ -105,6 +105,7 @@ NOTES = [
     log_notes.PerhapsRadians(2.0, 60.0, 5.0),
     log_notes.PositionJump(2, 0.5, 7, 1.25),
     log_notes.PositionSpikes(2, (7, 9), (1.0, 1.5), 0.3, True),
+    log_notes.SharedSamples("fast", 0.4),
     log_notes.RepeatedMotion("run1", 0.5, 0.2),
     log_notes.SameData("run1", 0.0),
     log_notes.SlowMotion(1.5, 6.0, 4.0),

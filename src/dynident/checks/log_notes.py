@@ -223,6 +223,21 @@ class SameData(Note):
         )
 
 
+class SharedSamples(Note):
+    """This ``share`` of the samples of a held-out log is in the ``other`` one of the training, too."""
+
+    topic = "repeat"
+    forbids = Use.CONTROL
+    other: str
+    share: float
+
+    def __str__(self) -> str:
+        return (
+            f"{percent(100 * self.share)} of its samples are those of {self.other!r} of the training, so that its "
+            "error says little of what the fit has not seen. Choose windows that do not overlap, or another recording."
+        )
+
+
 class RepeatedMotion(Note):
     """A held-out log repeats the motion of the ``other`` one, ``lag`` (s) later, with a difference of ``error`` %."""
 

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.checks import channel_notes, file_notes, motion_notes
 from dynident.checks.alternatives import MAX_JOINTS_ALL_PAIRS
 from dynident.checks.channels import ChannelFacts, channel_facts, check_log_fully, torque_findings
-from dynident.checks.explain import robot_findings
+from dynident.checks.explain import joints_of_right_gain, robot_findings
 from dynident.checks.file_notes import ColumnReversed, JointsSwapped, MotorCoupled, OtherAxis, OtherGravity, OtherZero
 from dynident.checks.log_notes import FrozenTorque
 from dynident.checks.missing import is_tried_effect
@@ -299,6 +299,9 @@ class _CheckRun:
             model, tilt = tilt_base(model, x, y), None
             plain = None if plain is None else tilt_base(plain, x, y)
         faults = list(robot_findings(model, motions, held_out, recipe.filter, self.selection.min_speed, tilt, plain))
+        if any(isinstance(finding.message, file_notes.OddScale) for finding in findings):
+            right = joints_of_right_gain(model, motions, recipe.filter, self.selection.min_speed)
+            findings[:] = [x for x in findings if not (isinstance(x.message, file_notes.OddScale) and x.joint in right)]
         # a fault explains others: the torque of the file's inertias was that of another motion or arm
         if any(isinstance(finding.message, LARGE_FAULTS) for finding in faults):
             following = (file_notes.ReversedSign, file_notes.UnrelatedTorque, file_notes.OddScale)

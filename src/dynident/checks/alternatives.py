@@ -184,8 +184,8 @@ def _couple_motors(case: FitCase) -> Iterator[Alternative]:
         for coefficient in (1, -1):
             gears = np.eye(len(names))
             gears[j, j - 1] = coefficient
-            states = {name: np.linalg.solve(gears, getattr(case, name).T).T for name in ("q", "dq", "ddq", "dddq")}
-            coupled_case = replace(case, **states)
+            q, dq, ddq, dddq = (np.linalg.solve(gears, x.T).T for x in (case.q, case.dq, case.ddq, case.dddq))
+            coupled_case = replace(case, q=q, dq=dq, ddq=ddq, dddq=dddq)
             note = partial(file_notes.MotorCoupled, names[j], names[j - 1], coefficient)
             yield Alternative(coupled_case, names[j], partial(note, AffectedColumns.POSITION))
             both_case = replace(coupled_case, tau=case.tau @ gears)

@@ -184,7 +184,8 @@ def _couple_motors(case: FitCase) -> Iterator[Alternative]:
         for coefficient in (1, -1):
             gears = np.eye(len(names))
             gears[j, j - 1] = coefficient
-            q, dq, ddq, dddq = (np.linalg.solve(gears, x.T).T for x in (case.q, case.dq, case.ddq, case.dddq))
+            inverse = np.asarray(np.linalg.inv(gears), dtype=float)
+            q, dq, ddq, dddq = (x @ inverse.T for x in (case.q, case.dq, case.ddq, case.dddq))
             coupled_case = replace(case, q=q, dq=dq, ddq=ddq, dddq=dddq)
             note = partial(file_notes.MotorCoupled, names[j], names[j - 1], coefficient)
             yield Alternative(coupled_case, names[j], partial(note, AffectedColumns.POSITION))

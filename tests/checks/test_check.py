@@ -12,7 +12,9 @@ import pytest
 from dynident.checks import file_notes, motion_notes, robot_notes, run_checks, with_findings
 from dynident.checks.motion_notes import SearchKind, SearchLeftOut
 from dynident.identification import Recipe, identify
+from dynident.identification.calibration import with_plain_terms
 from dynident.models import Model, RigidBodies, Term
+from dynident.models.friction import Coulomb, Viscous
 from dynident.models.lagrangian import slider
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Butterworth, Difference, Smoother, Spline
@@ -188,6 +190,25 @@ def moved() -> Log:
 @pytest.fixture(scope="module")
 def sound_arm(moved: Log):
     return set(run_checks(ARM, {"train": {"one": moved}}).findings)
+
+
+@pytest.mark.parametrize("gain", [1.0, 8.0])
+def test_a_tool_that_the_file_lacks_is_no_odd_scale(gain: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The coupling with the other joints tells it from a wrong gain."""
+    scaled = replace(moving_arm.MOVED, tau=moving_arm.MOVED.tau * [1.0, 1.0, gain])
+    odd = Finding(file_notes.OddScale(8.0, "N m"), "j3")
+    module = sys.modules[run_checks.__module__]
+    monkeypatch.setattr(module, "agreement_findings", lambda entry, _unit: [odd] if entry.joint == "j3" else [])
+    log = Log(scaled.t, scaled.q + NOISE, scaled.tau, scaled.joints)
+    assert (odd in run_checks(ARM, {"train": {"one": log}}).findings) is (gain > 1)
+
+
+def test_a_torque_without_friction_is_said_where_none_was_chosen(moved: Log) -> None:
+    bare = Model(tuple(term for term in ARM.terms if not isinstance(term, (Viscous, Coulomb))))
+    tau = bare.torque(moving_arm.MOVED.q, moving_arm.MOVED.dq, moving_arm.MOVED.ddq, moving_arm.truth(bare))
+    logs = {"train": {"one": replace(moved, tau=tau)}}
+    assert "friction" not in topics(run_checks(bare, logs))
+    assert "friction" in topics(run_checks(bare, logs, plain=with_plain_terms(bare)))
 
 
 @pytest.mark.parametrize("dead", [0, 2])

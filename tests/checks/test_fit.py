@@ -89,3 +89,14 @@ def test_repeats_are_said_with_their_lag() -> None:
     assert found["again"] == log_notes.SameData("a", 0.0)
     assert isinstance(found["late"], log_notes.RepeatedMotion)
     assert found["late"].lag == pytest.approx(0.4, abs=1e-3)
+
+
+def test_windows_that_overlap_are_said_with_their_share() -> None:
+    moved = motion(1)
+    train, half, little = (
+        Log(moved.t[k], moved.q[k], moved.tau[k], moved.joints) for k in np.s_[:900, 580:1300, 850:1500]
+    )
+    (finding,) = repeat_findings({"train": {"a": train}, "validation": {"half": half, "little": little}})
+    assert finding.source == "half"
+    assert isinstance(finding.message, log_notes.SharedSamples)
+    assert finding.message.share == pytest.approx(320 / 720, abs=0.01)

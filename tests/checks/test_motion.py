@@ -60,7 +60,7 @@ CASES = {
     "inside": (motion(), WIDE, None),
     "no limits": (motion(40, 5, 500), None, None),
     "position": (motion(), replace(WIDE, upper=0.2), BEYOND(near(-0.5), near(0.5), -1, 0.2)),
-    "position of a motor": (motion(5), replace(WIDE, velocity=None), BEYOND(near(-5), near(5), -1, 1, far=True)),
+    "position of a motor": (motion(12), replace(WIDE, velocity=None), BEYOND(near(-12), near(12), -1, 1, far=True)),
     "velocity": (motion(), replace(WIDE, velocity=0.5), motion_notes.VelocityAboveLimit(near(1.0), 0.5)),
     "effort": (motion(tau=12), WIDE, effort(12, far=False)),
     "a current": (motion(tau=300), WIDE, effort(300, far=True)),

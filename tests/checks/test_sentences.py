@@ -18,6 +18,8 @@ OTHERS = tuple(robot_notes.Rival(f"j{k}", one, 0.1) for k, one in enumerate(robo
 ROBOT_NOTES = [
     *(file_notes.JointsSwapped(("a", "b"), channel, 30.0, 2.0) for channel in AffectedColumns),
     *(file_notes.ColumnReversed(channel, 30.0, 2.0) for channel in AffectedColumns),
+    file_notes.OtherZero(-90, 30.0, 2.0),
+    *(file_notes.MotorCoupled("a", "b", sign, channel, 30.0, 2.0) for sign in (1, -1) for channel in AffectedColumns),
     file_notes.OtherAxis((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), 30.0, 2.0),
     robot_notes.TorqueGain(1.25, 0.01, 0.2, OTHERS),
     robot_notes.ZeroOff(0.1, 0.01, 0.2, removed=(("a", 0.5), ("b", 0.25))),
@@ -104,6 +106,7 @@ NOTES = [
     log_notes.PerhapsRadians(0.04, 60.0, 5.0, others_move=True),
     log_notes.PositionJump(2, 0.5, 7, 1.25),
     log_notes.PositionSpikes(2, (7, 9), (1.0, 1.5), 0.3, True),
+    log_notes.SharedSamples("fast", 0.4),
     log_notes.RepeatedMotion("run1", 0.5, 0.2),
     log_notes.SameData("run1", 0.0),
     log_notes.SlowMotion(1.5, 6.0, 4.0),

@@ -19,7 +19,7 @@ from dynident.models.simulation import record, simulate
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Spline
 from dynident.regression import ParallelFilter
-from dynident.runtime import InputError
+from dynident.runtime import InputError, Use
 from dynident.testing.estimator import multisine_motion
 
 ARM = pendulum()
@@ -112,6 +112,8 @@ def test_a_held_out_log_is_judged_as_measured_and_its_outliers_told() -> None:
     (note,) = (one for one in found.warnings if isinstance(one, HeldOutOutliers))
     assert (note.log, note.joints, note.count) == ("b", ("pivot",), 2)
     assert note.error == found.validations[1].errors.relative_error > 80
+    assert note.forbidden is Use.SIMULATION
+    assert replace(note, without=0.6 * note.error).forbidden is None
     assert note.without == pytest.approx(fitted(TRAIN, HELD).validations[1].errors.relative_error, rel=0.01)
 
 

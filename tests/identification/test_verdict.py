@@ -13,7 +13,7 @@ from dynident.estimators import LeastSquares, PhysicallyConsistent
 from dynident.identification import HeldOut, Identification, Recipe, Remedy, Verdict, identify, judge
 from dynident.identification import verdict_reasons as why
 from dynident.identification.unobservable import CommonGain, MotionRatios, Zeros, unknowns
-from dynident.identification.verdict_steps import CheckRipple, Sharpen, SlowReversals
+from dynident.identification.verdict_steps import CheckRipple, SetRight, Sharpen, SlowReversals
 from dynident.models import Model, RigidBodies
 from dynident.models.friction import Offset
 from dynident.models.lagrangian import slider
@@ -86,6 +86,30 @@ def test_findings_forbid_a_use_by_severity_or_by_their_note(good: Identification
     verdict = judge(replace(good, warnings=(*mild, wrong), validations=good.validations[:1]))
     assert verdict.reasons[:2] == (why.ForbiddingFindings((wrong,)), why.NoHoldOut())
     assert why.ForbiddingFindings(tuple(mild)) in verdict.reasons  # one reason for all joints
+
+
+def test_a_fault_comes_before_the_errors_that_it_may_cause(good: Identification) -> None:
+    """Though alone it would forbid a simulation only; without an error it stays there."""
+    fault = Finding(NoSimulation(), "slider")
+    large = with_errors(good.validations[1], relative_error=30.0)
+    verdict = judge(replace(good, warnings=(fault,), validations=(good.validations[0], large)))
+    assert verdict.use is Use.DO_NOT_USE
+    assert [type(reason) for reason in verdict.reasons[:2]] == [why.ForbiddingFindings, why.TorqueErrorTooLarge]
+    assert verdict.next[:2] == (Remedy.CORRECT, Remedy.CHECK)
+    unjudged = judge(replace(good, warnings=(fault,), validations=good.validations[:1]))
+    assert [type(reason) for reason in unjudged.reasons[:2]] == [why.NoHoldOut, why.ForbiddingFindings]
+
+
+class Advice(Note):
+    """A note that is advice, and forbids nothing."""
+
+    advises = True
+
+
+def test_what_was_found_is_advised_before_looking_for_it(good: Identification) -> None:
+    large = with_errors(good.validations[1], relative_error=30.0)
+    verdict = judge(replace(good, warnings=(Finding(Advice()),), validations=(good.validations[0], large)))
+    assert verdict.next[:2] == (SetRight(Finding(Advice())), Remedy.CHECK)
 
 
 def test_a_note_of_the_estimate_may_forbid_a_use_too(good: Identification) -> None:

@@ -1,4 +1,4 @@
-"""Search for large faults by trial: exchanged columns, reversed signs, another axis or direction of gravity.
+"""Search for large faults by trial: exchanged or coupled columns, reversed signs, another zero, axis or gravity.
 
 Each alternative is a case of its own, fitted by plain least squares, and reported where it fits far better
 than the data as given.
@@ -21,9 +21,9 @@ from dynident.checks.suspects import displace_joint
 from dynident.runtime import Finding, Note, Noun
 from dynident.runtime.arrays import Array
 
-MIN_ERROR_TO_TRY = 0.03  # relative error of the torque from which something else is tried
+MIN_ERROR_TO_TRY = 0.02  # relative error of the torque from which something else is tried
 MAX_ERROR_RATIO = 0.5  # times the error as given: a better alternative is below
-MAX_TIE_RATIO = 1.1  # times the least error: alternatives up to here fit as well
+MAX_TIE_RATIO = 1.02  # times the least error: alternatives up to here fit as well
 NORMAL_EQUATIONS_SLACK = 1.05  # times an error: the normal equations have only half of the digits
 RIDGE_SHARE = 1e-13  # of their diagonal, so that they can be solved
 MAX_JOINTS_ALL_PAIRS = 24  # joints: of more, only neighbours are exchanged, as all pairs would take minutes
@@ -44,8 +44,8 @@ class Alternative(Noun):
 def better_alternative(case: FitCase) -> Iterator[Finding]:
     """Yield the alternative that fits the torque far better than the case as given, if there is one.
 
-    Of several that fit about equally well the first is reported: columns before signs, axes and gravity. None is
-    reported where simple terms that the model lacks would fit better.
+    Of several that fit about equally well the first is reported: columns before signs, zeros, couplings, axes and
+    gravity. None is reported where simple terms that the model lacks would fit better.
     """
     before = _relative_error(case)
     if before < MIN_ERROR_TO_TRY:
@@ -131,7 +131,10 @@ class _NormalEquations(Noun):
 
 
 def _alternatives(case: FitCase) -> Iterator[Alternative]:
-    return chain(_swap_columns(case), _reverse_signs(case), _turn_axes(case), _turn_gravity(case))
+    return chain(
+        *(_swap_columns(case), _reverse_signs(case), _turn_zeros(case), _couple_motors(case)),
+        *(_turn_axes(case), _turn_gravity(case)),
+    )
 
 
 def _swap_columns(case: FitCase) -> Iterator[Alternative]:
@@ -162,6 +165,32 @@ def _transform_columns(
     yield AffectedColumns.POSITION, moved_case
     yield AffectedColumns.TORQUE, replace(case, tau=tau, noise=noise)
     yield AffectedColumns.BOTH, replace(moved_case, tau=tau, noise=noise)
+
+
+def _turn_zeros(case: FitCase) -> Iterator[Alternative]:
+    # quarter turns, by which the conventions of robot files and controllers differ
+    for j, joint in enumerate(case.model.joints):
+        for quarters in (1, -1, 2) if joint.kind == "revolute" else ():
+            q = case.q.copy()
+            q[:, j] += quarters * np.pi / 2
+            yield Alternative(replace(case, q=q), joint.name, partial(file_notes.OtherZero, 90 * quarters))
+
+
+def _couple_motors(case: FitCase) -> Iterator[Alternative]:
+    # a motor that turns with the joint before its own, as of a parallel linkage or a wrist with a differential
+    names = [joint.name for joint in case.model.joints]
+    is_revolute = [joint.kind == "revolute" for joint in case.model.joints]
+    for j in (j for j in range(1, len(names)) if is_revolute[j - 1] and is_revolute[j]):
+        for coefficient in (1, -1):
+            gears = np.eye(len(names))
+            gears[j, j - 1] = coefficient
+            inverse = np.asarray(np.linalg.inv(gears), dtype=float)
+            q, dq, ddq, dddq = (x @ inverse.T for x in (case.q, case.dq, case.ddq, case.dddq))
+            coupled_case = replace(case, q=q, dq=dq, ddq=ddq, dddq=dddq)
+            note = partial(file_notes.MotorCoupled, names[j], names[j - 1], coefficient)
+            yield Alternative(coupled_case, names[j], partial(note, AffectedColumns.POSITION))
+            both_case = replace(coupled_case, tau=case.tau @ gears)
+            yield Alternative(both_case, names[j], partial(note, AffectedColumns.BOTH))
 
 
 def _turn_axes(case: FitCase) -> Iterator[Alternative]:

@@ -10,8 +10,8 @@ import numpy as np
 from dynident.checks import channel_notes, file_notes, motion_notes
 from dynident.checks.alternatives import MAX_JOINTS_ALL_PAIRS
 from dynident.checks.channels import ChannelFacts, channel_facts, check_log_fully, torque_findings
-from dynident.checks.explain import robot_findings
-from dynident.checks.file_notes import ColumnReversed, JointsSwapped
+from dynident.checks.explain import joints_of_right_gain, robot_findings
+from dynident.checks.file_notes import ColumnReversed, JointsSwapped, MotorCoupled, OtherAxis, OtherGravity, OtherZero
 from dynident.checks.log_notes import FrozenTorque, PerhapsRadians
 from dynident.checks.missing import is_tried_effect
 from dynident.checks.motion import (
@@ -45,7 +45,8 @@ from dynident.runtime import DynidentError, Finding, Severity, Step, report_prog
 from dynident.runtime.families import action
 
 PLAIN_ESTIMATOR = LeastSquares()
-COLUMN_FAULTS = (JointsSwapped, ColumnReversed)  # found by trying other columns
+# found by trying alternatives
+LARGE_FAULTS = (JointsSwapped, ColumnReversed, OtherZero, MotorCoupled, OtherAxis, OtherGravity)
 # explain by themselves what a fit leaves of a joint's torque
 SILENT_TORQUES = (channel_notes.ConstantTorque, FrozenTorque)
 STILL_JOINTS = (channel_notes.NeverMoves, HardlyMoves)
@@ -259,8 +260,10 @@ class _CheckRun:
         findings += _motion_findings(mounted_model, motions, excitations, agreements)
         # a few samples are enough for checks that only compare fits
         sample_regression = thin_regression(model, motions, selection.min_speed)
-        for find in (radian_findings, compensation_findings, friction_findings, slow_findings):
+        for find in (radian_findings, compensation_findings, slow_findings):
             findings += find(sample_regression)
+        # where there is no friction, none was chosen
+        findings += friction_findings(thin_regression(self.plain or model, motions, selection.min_speed))
         findings += rank_findings(rank)
         self.find_robot_faults(motions, {motion.source: motion for motion in all_motions[len(logs) :]})
         return replace(result, excitations=excitations, agreements=agreements, rank=rank)
@@ -282,7 +285,7 @@ class _CheckRun:
     def find_robot_faults(self, motions: tuple[Motion, ...], held_out: Mapping[str, Motion]) -> None:
         """Add the findings on the robot and its model, which cannot be found where gravity or a unit is wrong."""
         model, plain, recipe, findings = self.model, self.plain, self.recipe, self.findings
-        if any(isinstance(finding.message, file_notes.OtherGravity | PerhapsRadians) for finding in findings):
+        if any(isinstance(finding.message, OtherGravity | PerhapsRadians) for finding in findings):
             return
         if _factor_size(model) > MAX_SEARCH_NUMBERS:
             findings.append(_skipped_search_finding(SearchKind.CAUSES, model))
@@ -296,8 +299,11 @@ class _CheckRun:
             model, tilt = tilt_base(model, x, y), None
             plain = None if plain is None else tilt_base(plain, x, y)
         faults = list(robot_findings(model, motions, held_out, recipe.filter, self.selection.min_speed, tilt, plain))
-        # a fault explains others: the torque of the file's inertias was that of other columns
-        if any(isinstance(finding.message, COLUMN_FAULTS) for finding in faults):
+        if any(isinstance(finding.message, file_notes.OddScale) for finding in findings):
+            right = joints_of_right_gain(model, motions, recipe.filter, self.selection.min_speed)
+            findings[:] = [x for x in findings if not (isinstance(x.message, file_notes.OddScale) and x.joint in right)]
+        # a fault explains others: the torque of the file's inertias was that of another motion or arm
+        if any(isinstance(finding.message, LARGE_FAULTS) for finding in faults):
             following = (file_notes.ReversedSign, file_notes.UnrelatedTorque, file_notes.OddScale)
             findings[:] = [finding for finding in findings if not isinstance(finding.message, following)]
         # a silent torque explains by itself what is left of that joint; what a wobble shows is no term
@@ -341,10 +347,15 @@ def _motion_findings(
 ) -> Iterator[Finding]:
     """Yield the findings on gravity, and on each joint's limits and torque."""
     downward = list(gravity_findings(model, motions))
-    yield from downward
-    for joint, joint_excitation, joint_agreement in zip(model.joints, excitations, agreements, strict=True):
-        yield from limit_findings(joint_excitation, model.limits.get(joint.name), joint.effort)
-        if not downward:  # the nominal torques hold only for the right gravity
+    beyond = [
+        finding
+        for joint, entry in zip(model.joints, excitations, strict=True)
+        for finding in limit_findings(entry, model.limits.get(joint.name), joint.effort)
+    ]
+    yield from (*downward, *beyond)
+    # the nominal torques hold only for the right gravity and unit of positions
+    if not downward and not any(finding.forbids for finding in beyond):
+        for joint, joint_agreement in zip(model.joints, agreements, strict=True):
             yield from agreement_findings(joint_agreement, joint.effort)
 
 

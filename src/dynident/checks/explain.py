@@ -138,6 +138,7 @@ MAX_CAUSES = 6  # causes that are looked for one after the other
 MAX_TRIED_SUSPECTS = 4  # suspects whose value is sought, of those that one step explains best
 MIN_SHARE_RATIO = 0.6  # times the largest share by one step: suspects below are not tried
 REVERSAL_TERMS = (TermKind.COULOMB, TermKind.SMOOTH, TermKind.STRIBECK, TermKind.DELAY)  # explain what is left there
+MAX_RIGHT_LOG_GAIN = 0.5  # natural logarithm of a gain, that a coupling with other joints must exclude
 MIN_TELLING_ERRORS = 2.0  # standard errors of the difference of two fits: less says nothing of which suspect it is
 MIN_TIE_RATIO = 0.9  # times the largest share: suspects from here on cannot be told apart
 
@@ -185,6 +186,26 @@ def robot_findings(
     loaded_logs = {finding.source for finding in payloads}
     # a log that does not fit with the others explains what is left
     yield from [finding for finding in odd if finding.source not in loaded_logs] or remaining
+
+
+def joints_of_right_gain(
+    model: Model,
+    motions: Sequence[Motion],
+    parallel_filter: ParallelFilter | None = None,
+    min_speed: tuple[float, ...] | None = None,
+) -> set[str]:
+    """Return the joints whose coupling with the others shows that their torque is not several times too large.
+
+    It needs no inertias of the file, which lack a tool that the arm carries.
+    """
+    (case,) = fit_cases(model, motions, parallel_filter, min_speed, (CASE_SAMPLES,))
+    fit, suspects = misfit(case), gain_suspects(model)
+    scores = fit.score_tests(suspect.derivative(fit) for suspect in suspects)
+    return {
+        str(suspect.joint)
+        for suspect, score in zip(suspects, scores, strict=True)
+        if score is not None and abs(score.value) + MIN_STANDARD_ERRORS * score.std < MAX_RIGHT_LOG_GAIN
+    }
 
 
 def _joints_with(findings: Sequence[Finding], *effects: TermKind) -> set[str | None]:

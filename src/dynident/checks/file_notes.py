@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import radians
+
 from dynident.runtime import Note, Remark, Severity, Use, WordedEnum, join_names, percent, short, vector
 
 FROM_CAD = "Take it from CAD, or identify it with `kind: consistent`."
@@ -329,6 +331,49 @@ class ColumnReversed(Note):
         return (
             f"{self.channel.value} {verb} the opposite sign? With it reversed "
             f"{_error_change(self.before, self.after)}. Set a negative `gain`, or reverse the axis in the robot file."
+        )
+
+
+class OtherZero(Note):
+    """The robot's joint seems to stand ``angle`` (deg) beyond the logged position; errors (%) as above."""
+
+    topic = "zero"
+    forbids = Use.CONTROL
+    angle: int
+    before: float
+    after: float
+
+    def __str__(self) -> str:
+        return (
+            f"is the zero right? With {self.angle:+} deg added to the position "
+            f"{_error_change(self.before, self.after)}. Set `zero` to {radians(self.angle):.4f} rad more, or correct "
+            "the robot file."
+        )
+
+
+class MotorCoupled(Note):
+    """The columns of ``joint`` are those of a motor that turns with it and ``coefficient`` times ``partner``.
+
+    Errors (%) as above.
+    """
+
+    topic = "coupled"
+    forbids = Use.CONTROL
+    joint: str
+    partner: str
+    coefficient: int
+    channel: AffectedColumns
+    before: float
+    after: float
+
+    def __str__(self) -> str:
+        motor = f"{{ {self.joint}: 1, {self.partner}: {self.coefficient} }}"
+        advice = f"Set `transmission: {{ {self.joint}: {motor} }}`, with its gear ratios."
+        if self.channel is AffectedColumns.POSITION:
+            advice = f"{'Subtract' if self.coefficient > 0 else 'Add'} the position of {self.partner} in the file."
+        return (
+            f"does its motor turn with {self.partner}, too? With {self.channel.value} of {motor} "
+            f"{_error_change(self.before, self.after)}. {advice}"
         )
 
 

@@ -223,6 +223,21 @@ class SameData(Note):
         )
 
 
+class SharedSamples(Note):
+    """This ``share`` of the samples of a held-out log is in the ``other`` one of the training, too."""
+
+    topic = "repeat"
+    forbids = Use.CONTROL
+    other: str
+    share: float
+
+    def __str__(self) -> str:
+        return (
+            f"{percent(100 * self.share)} of its samples are those of {self.other!r} of the training, so that its "
+            "error says little of what the fit has not seen. Choose windows that do not overlap, or another recording."
+        )
+
+
 class RepeatedMotion(Note):
     """A held-out log repeats the motion of the ``other`` one, ``lag`` (s) later, with a difference of ``error`` %."""
 
@@ -287,13 +302,15 @@ class NoFriction(Note):
     """Friction is at most ``share`` (%) of the torque of any joint."""
 
     topic = "friction"
+    advises = True
     share: float
 
     def __str__(self) -> str:
         return (
-            f"the torque shows almost no friction: at most {percent(self.share, 2)} of any joint's. Was it logged "
-            "after friction compensation, measured behind the gears, or simulated without friction? The model then "
-            "gives the torque of the links: for feedforward, add the friction of the drives."
+            f"the torque shows almost no friction: at most {percent(self.share, 2)} of any joint's. Was it computed "
+            "by the controller instead of measured, logged after friction compensation, measured behind the gears, or "
+            "simulated without friction? The model then gives the torque of the links, at best: for feedforward, add "
+            "the friction of the drives."
         )
 
 

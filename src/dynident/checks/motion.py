@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynident.checks import log_notes, motion_notes
 from dynident.checks.misfit import FitCase, fit_case
@@ -36,6 +37,8 @@ MAX_SAME_DATA_ERROR = 1e-4  # %, difference of logs that hold the same samples
 MIN_ACCELERATION_SHARE = 1 / 3  # of the residual: less of the torque from accelerations does not show inertias
 MAX_FIT_ERROR = 30.0  # %: what a fit leaves of a torque that another fault explains
 TARGET_ACCELERATION_SHARE = 3.0  # times the residual: more shows them well
+MAX_SHARED_SHARE = 0.1  # of a held-out log, that may be in the training
+SHARED_SAMPLES = 10_000  # with which that is told
 FRICTION_ROLES = ("viscous", "coulomb")
 MIN_FRICTION_SHARE = 1.0  # %, of a joint's torque: drives and gears have several times this friction
 
@@ -110,15 +113,30 @@ def repeat_findings(logs: Mapping[str, Mapping[str, Log]]) -> Iterator[Finding]:
             if repeat.error < MAX_SAME_DATA_ERROR:
                 yield Finding(log_notes.SameData(train_name, repeat.lag), source=name)
                 break
+            if (share := _shared_share(held_out_log, log.select(held_out_log.joints))) > MAX_SHARED_SHARE:
+                yield Finding(log_notes.SharedSamples(train_name, share), source=name)
+                break
             if repeat.error < MAX_REPEAT_DIFFERENCE:
                 yield Finding(log_notes.RepeatedMotion(train_name, repeat.lag, repeat.error), source=name)
                 break
 
 
+def _shared_share(first: Log, second: Log) -> float:
+    """Return the share of the samples of the first log in motion that the second one holds, too."""
+
+    def samples_in_motion(log: Log) -> NDArray[np.void]:
+        rows = np.column_stack([log.q, log.tau])[1:][np.any(np.diff(log.q, axis=0), axis=1)]
+        return np.ascontiguousarray(rows).view(np.dtype((np.void, rows.shape[1] * rows.itemsize))).ravel()
+
+    samples = samples_in_motion(first)
+    samples = samples[:: max(len(samples) // SHARED_SAMPLES, 1)]
+    return float(np.isin(samples, samples_in_motion(second)).mean()) if len(samples) else 0.0
+
+
 SLOW_SPEED_SHARE = 0.02  # of the peak speed: below, a joint hardly moves
 LIMIT_TOLERANCE = 1.02  # x the limit
 RANGE_TOLERANCE = 0.02  # share of the range (or rad, m) past a limit of position
-MAX_RANGE_RATIO = 3.0  # times the range that the file allows
+MAX_RANGE_RATIO = 10.0  # times the range that the file allows: beyond, the unit is wrong, or the range
 MIN_PEAK_SPEED = 1e-3  # rad/s or m/s: peak speed of a joint that moves at all
 MIN_REVERSALS = 2  # reversals below which friction and offset are strongly correlated
 MAX_CONDITION = 1e4  # condition number of the base parameters above which they are strongly correlated

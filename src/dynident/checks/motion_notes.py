@@ -133,6 +133,11 @@ class PositionBeyondLimits(Note):
     most: float
     far: bool = False
 
+    @property
+    def forbidden(self) -> Use | None:
+        """Any where it is far beyond: the unit is then wrong, or the file's range."""
+        return Use.CONTROL if self.far else None
+
     def __str__(self) -> str:
         return (
             f"the position runs from {short(self.lower, 4)} to {short(self.upper, 4)}, the file allows "

@@ -14,7 +14,7 @@ from dynident.motion.log import Log, Motion, thin_motions
 from dynident.motion.smoothers.smoother import MAX_SPIKE_SHARE, MAX_WRONG_TORQUE_SHARE, Suspects, select_rare, suspects
 from dynident.motion.splines import LONGEST_SPIKE, bridge_gaps, median_sigma
 from dynident.regression import BLOCK, EVERYTHING, Regression, Selection
-from dynident.runtime import Note, Noun, count, percent
+from dynident.runtime import Note, Noun, Use, count, percent
 from dynident.runtime.arrays import Array
 from dynident.validation import LogValidation, relative_error
 
@@ -28,6 +28,7 @@ MIN_FROZEN_ERROR = 4.0  # usual residuals by which a frozen torque is wrong, rms
 MAX_RESIDUAL_GROWTH = 1.02
 MAX_CANCELLED_SHARE = 0.1  # of the parts of its torque, the most that may be left
 MIN_RESIDUAL_SHARE = 0.01  # of a torque's rms, the least usual residual
+MAX_ERROR_SHARE = 0.5  # of an error, that is left without outliers which are its cause
 MIN_CLIPPED_EXCESS = 2.0  # usual residuals by which the model exceeds a clipped torque, on average
 
 
@@ -39,6 +40,11 @@ class HeldOutOutliers(Note):
     count: int
     error: float
     without: float
+
+    @property
+    def forbidden(self) -> Use | None:
+        """Simulation where they make most of the error, whose cause they then are."""
+        return Use.SIMULATION if self.without < MAX_ERROR_SHARE * self.error else None
 
     def __str__(self) -> str:
         outliers = "is an outlier" if self.count == 1 else "are outliers"

@@ -18,7 +18,7 @@ from dynident.identification.result import Identification
 from dynident.identification.unobservable import unknowns
 from dynident.identification.verdict import HeldOut, LargestResidual, Verdict, WorstRun
 from dynident.identification.verdict_reasons import Reason
-from dynident.identification.verdict_steps import NextStep, Remedy
+from dynident.identification.verdict_steps import NextStep, Remedy, SetRight
 from dynident.models import INERTIAL
 from dynident.motion.log import stack_states, subsample, thin_motions
 from dynident.regression import Regression, UnexcitedParameters, repeats_path
@@ -101,6 +101,7 @@ MAX_UNEXCITED_SHARE = 0.25  # share of the base parameters that the data may lea
 MAX_LOOP_ERROR, MAX_WINDOW_ERROR = 1.0, 25.0  # %, of positions simulated with the controller; from the measured torque
 MAX_RESIDUAL_GROWTH = 5.0  # %, by which physical constraints may raise the residual
 MAX_TORQUE_CHANGE = 7.0, 1.0  # %, likewise of the torque at twice the speed, for control and for simulation
+SYMPTOMS = why.TorqueErrorTooLarge, why.JointErrorsTooLarge, why.NotCarriedOver, why.TrainedWorse, why.HeldBack
 MIN_SPEED_SHARE = 0.5  # share of the speed of the training that the fastest held-out motion must have
 
 
@@ -127,6 +128,11 @@ def _evaluate(identification: Identification) -> Verdict:
         (*_finding_reasons(identification, use), *by_use.get(use, ()), *reasons_against(identification))
         for use, reasons_against in ((Use.CONTROL, _against_use), (Use.SIMULATION, _against_simulation))
     )
+    # what alone forbids only a simulation may be the cause of what forbids any use
+    if any(isinstance(reason, SYMPTOMS) for reason in against_use):
+        causes, against_simulation = _split_causes(against_simulation)
+        forbidding_causes, effects = _split_causes(against_use)
+        against_use = (*forbidding_causes, *causes, *effects)
     reasons = (*against_use, *against_simulation)
     use = Use.DO_NOT_USE if against_use else Use.CONTROL if against_simulation else Use.SIMULATION
     return Verdict(
@@ -140,21 +146,40 @@ def _evaluate(identification: Identification) -> Verdict:
     )
 
 
+def _split_causes(reasons: Sequence[Reason]) -> tuple[tuple[Reason, ...], tuple[Reason, ...]]:
+    """Return the reasons that may cause others, and those others."""
+    causes = tuple(
+        reason
+        for reason in reasons
+        if isinstance(reason, why.ForbiddingFindings)
+        or (isinstance(reason, why.Uncertain) and reason.error > MAX_TORQUE_ERROR)
+    )
+    return causes, tuple(reason for reason in reasons if reason not in causes)
+
+
 def _order_actions(
     against_use: Sequence[Reason], against_simulation: Sequence[Reason], steps: Sequence[UnexcitedParameters | NextStep]
 ) -> Iterator[Remedy | UnexcitedParameters | NextStep]:
     """Yield what to do: remedies, then motions to record.
 
-    Remedies for a simulation come last where the model is of no use.
+    Remedies for a simulation come last where the model is of no use. What was found comes before the advice to look
+    for it, or to simulate.
     """
-    yield from (reason.remedy for reason in against_use if reason.remedy)
-    later_remedies = [reason.remedy for reason in against_simulation if reason.remedy]
-    yield from (*steps, *later_remedies) if against_use else (*later_remedies, *steps)
+    remedies, later_remedies = (
+        [reason.remedy for reason in reasons if reason.remedy] for reasons in (against_use, against_simulation)
+    )
+    actions = [*remedies, *steps, *later_remedies] if against_use else [*later_remedies, *steps]
+    corrections = [step for step in steps if isinstance(step, SetRight)]
+    later = [action for action in actions if action in (Remedy.CHECK, Remedy.SIMULATE)]
+    if later and corrections:
+        k = actions.index(later[0])
+        actions[k:k] = corrections
+    yield from actions
 
 
 def _finding_reasons(identification: Identification, use: Use) -> Iterator[Reason]:
-    """Yield findings of the checks and notes of the estimate that forbid a use, each kind once."""
-    notes = (Finding(note, severity=note.severity) for note in identification.estimate.notes)
+    """Yield findings of the checks and notes that forbid a use, each kind once."""
+    notes = (Finding(x, severity=x.severity) for x in (*identification.estimate.notes, *identification.notes))
     kinds: dict[object, list[Finding]] = {}
     for finding in (*identification.findings, *notes):
         if finding.forbids is use:

@@ -35,6 +35,6 @@ def test_gravity_is_drafted_with_a_question_where_the_torques_decide_it(
     else:
         assert written == list(gravity)
         (question,) = asked
-        assert question.endswith("Is the robot on a wall or ceiling?")
+        assert "Is the robot on a wall or ceiling" in question
         (tmp_path / "arm.yaml").write_text(draft.text.replace("terms: auto", "terms: [viscous]"))
         assert "mounted" not in succeed("identify", tmp_path / "arm.yaml").output

@@ -76,6 +76,15 @@ def test_clipped_torques_are_suspects() -> None:
     assert np.array_equal(seen.torque_clipped, np.abs(tau) == 3.0)
 
 
+@pytest.mark.parametrize("samples", [9, 10])
+def test_a_single_run_of_torques_at_a_limit_is_suspect_where_it_is_long(samples: int) -> None:
+    tau = np.sin(np.linspace(0.0, np.pi, 200))
+    start = 100 - samples // 2
+    tau[start : start + samples] = 2.0
+    log = Log(0.01 * np.arange(200), tau[:, None], tau[:, None], ("a",))
+    assert suspects(log).torque_clipped.sum() == (samples if samples > 9 else 0)
+
+
 def test_a_motion_of_other_samples_than_the_log_is_refused() -> None:
     def shorter(one: Log) -> Motion:
         whole = Spline()(one)

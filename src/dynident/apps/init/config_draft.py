@@ -213,7 +213,10 @@ def _write_model(page: _Page, robot: str, joints: Sequence[MovableJoint], mappin
     if mapping.command:
         return
     if mapping.gravity is not None:
-        question = "it fits the torques, that of the robot file does not. Is the robot on a wall or ceiling?"
+        question = (
+            "it fits the torques, that of the robot file does not. Is the robot on a wall or ceiling, or is a sign or "
+            "zero of a joint wrong?"
+        )
         page.line(f"  gravity: [{', '.join(f'{g:.4g}' for g in mapping.gravity)}]", "model.gravity", question)
     page.line("  terms: auto  # friction, rotor inertia and other terms of each joint, chosen on the training logs")
     page.line(

@@ -261,7 +261,7 @@ MAX_FROZEN_SHARE = 0.25  # the same of frozen positions
 MAX_WRONG_TORQUE_SHARE = 0.5  # the same of frozen and clipped torques, which a fit to the others shows to be wrong
 MAX_SUSPECT_SHARE = 0.99  # share of all torques: if more are suspect, too few are left for that fit
 MIN_CLIPPED = 10  # least number of values at exactly the largest or smallest
-MIN_CLIPPED_RUN, MIN_CLIPPED_RUNS = 3, 2  # of which so many follow each other, so often
+MIN_CLIPPED_RUN, MIN_CLIPPED_RUNS = 3, 2  # of which so many follow each other, so often; or once all of them
 FROZEN_MARGIN = 8  # samples beside a frozen stretch whose derivatives are those of the bridge
 
 
@@ -319,8 +319,10 @@ def _clipped_samples(tau: NDArray[np.float64]) -> Mask:
         # zero is what a sensor at rest shows, not a limit
         for extreme in {float(column.min()), float(column.max())} - {0.0}:
             at_extreme = column == extreme
-            long = [part for part in stretches(at_extreme) if part.stop - part.start >= MIN_CLIPPED_RUN]
-            if at_extreme.sum() >= MIN_CLIPPED and not at_extreme.all() and len(long) >= MIN_CLIPPED_RUNS:
+            lengths = [part.stop - part.start for part in stretches(at_extreme)]
+            is_repeated = sum(length >= MIN_CLIPPED_RUN for length in lengths) >= MIN_CLIPPED_RUNS
+            is_at_limit = sum(lengths) >= MIN_CLIPPED and (is_repeated or max(lengths) >= MIN_CLIPPED)
+            if is_at_limit and not at_extreme.all():
                 mask[:, j] |= at_extreme
     return mask
 

@@ -11,6 +11,7 @@ from dynident.estimators.notes import NotAlone
 from dynident.identification import Calibration, Identifiability, Identification, Recipe, Sources, StandardErrors
 from dynident.models import Joint, MassMatrixCheck, Parameter
 from dynident.models.robot_files import RobotJointLimits
+from dynident.models.structure import Structure
 from dynident.motion.log import Motion
 from dynident.motion.smoothers import Spline
 from dynident.report.identification import identification_page
@@ -71,6 +72,24 @@ class Reproduction:
     true: np.ndarray = field(default_factory=lambda: TRUE)
     bounds: dict = field(default_factory=dict)
     settings: dict = field(default_factory=lambda: {"torque amplitudes": "1.13, 0.78 N m", "duration": "10 s"})
+
+
+class ModelOfOnes(SimpleNamespace):
+    """A model each entry of whose regressor is one."""
+
+    @property
+    def structure(self):
+        p = len(self.parameters)
+        return Structure((np.arange(p),) * len(self.joints), (np.eye(p),) * len(self.joints))
+
+    def entries(self, q, joint, **_):
+        return np.ones((len(joint), len(q)))
+
+    def regressor(self, q, *_, **__):
+        return np.ones((*q.shape, len(self.parameters)))
+
+    def torque(self, q, theta, **_):
+        return np.full(q.shape, np.sum(theta))
 
 
 class ChangeableErrors(SimpleNamespace):
@@ -159,11 +178,10 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
         provenance=(),
         consistency=None,
     )
-    model = SimpleNamespace(
+    model = ModelOfOnes(
         name="two-link arm", joints=tuple(map(Joint, joints)), parameters=PARAMETERS, terms=(), limits={}, memory=0
     )
     model.limits[joints[0]] = RobotJointLimits(5.0, 2.0, -1.5, 1.5)
-    model.regressor = lambda q, dq, ddq, memory=None: np.ones((*q.shape, len(model.parameters)))
     return Fake(
         model=model,
         estimate=estimate,

@@ -30,7 +30,7 @@ from dynident.runtime.jobs import cluster as module
 from dynident.runtime.jobs.cluster import cluster_workers, software, software_differences
 from tests.cli.commands import succeed
 from tests.runtime.jobs.dask_cluster import DaskCluster, dask_scheduler
-from tests.runtime.jobs.work import HANGS, Noise, by_job, process, sleeps, threads
+from tests.runtime.jobs.work import HANGS, Noise, by_job, sleeps, slow_process, threads
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="ends groups of processes by POSIX signals")
 
@@ -66,7 +66,7 @@ class TestWorkers:
         with cluster_workers(running.address) as executor:
             assert executor._max_workers == 2  # type: ignore[attr-defined]
             theirs = {executor.submit(os.getpid).result() for _ in range(20)}
-            own = {one.value for one in run_jobs(process, range(20), executor)}
+            own = {one.value for one in run_jobs(slow_process, range(20), executor)}
             assert {one.value for one in run_jobs(threads, range(20), executor)} == {("1", "1")}
         assert not own & {os.getpid(), *theirs}
         assert len(own) == 2

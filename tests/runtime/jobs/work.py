@@ -99,6 +99,11 @@ def process(_: object) -> int:
     return os.getpid()
 
 
+def slow_process(_: object) -> int:
+    time.sleep(0.1)  # so that each worker has its share, however late it starts
+    return os.getpid()
+
+
 def parent(_: object) -> int:
     return os.getppid()
 

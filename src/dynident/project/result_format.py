@@ -37,7 +37,7 @@ NOT_FINITE = ["Infinity", "-Infinity", "NaN"]
 class ResultPart(BaseModel):
     """Part of a result; keys that are not known are left alone."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
+    model_config = ConfigDict(frozen=True, extra="ignore", defer_build=True)  # seldom read
 
 
 class ModelPart(ResultPart):

@@ -16,6 +16,7 @@ from dynident.validation import (
     decorrelation,
     residual_test,
 )
+from dynident.validation.residuals import _noise_moments
 
 N, STEP = 4000, 0.005
 T = np.arange(N) * STEP
@@ -97,3 +98,14 @@ def test_a_joint_that_stands_still_and_a_slow_sampling() -> None:
     noise = np.random.default_rng(6).standard_normal(N)
     assert residual_test(noise, np.zeros(N), STEP).sign_correlation == 0.0
     assert np.isnan(residual_test(noise, DQ, 0.11).low_share)
+
+
+def test_the_moments_of_filtered_noise_are_those_of_its_correlation() -> None:
+    """White noise and AR(1) by the sum of its autocorrelations rho^|k|, through the same filter."""
+    w = (np.arange(20_000) + 0.5) * np.pi / 20_000
+    passed = np.square((gain := 1 / (1 + (8.0 * w) ** 4)) * (1 - gain))
+    for rho in (0.0, 0.6):
+        spectrum = 1 + 2 * sum(rho**k * np.cos(k * w) for k in range(1, 60))
+        power, bend_power, _ = _noise_moments(8.0, rho)
+        assert power == pytest.approx(float(np.mean(passed * spectrum)), rel=1e-3)
+        assert bend_power == pytest.approx(float(np.mean(w**4 * passed * spectrum)), rel=0.03)

@@ -240,6 +240,8 @@ def test_a_window_beyond_its_part_of_a_recording_excludes_nothing_of_another(fol
     ((start, stop),) = yaml.safe_load(tuned_text(project, bench, tuning, project.path))["train"][0]["exclude"]
     assert start == 2.0
     assert 3.9 < stop < 4.1
+    beyond = bench.start.exclude(first, 5.0, 6.0)
+    assert "exclude" not in yaml.safe_load(tuned_text(project, bench, beyond, project.path))["train"][0]
 
 
 def test_a_bench_names_what_there_is_to_choose_from_and_refuses_a_tuning_of_another(

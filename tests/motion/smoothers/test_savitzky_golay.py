@@ -106,3 +106,10 @@ def test_a_window_that_does_not_fit_the_log(part: SavitzkyGolay, words: str) -> 
 
 def test_a_huge_factor_takes_the_longest_window() -> None:
     assert SavitzkyGolay(factor=1e308)(log()).smoothing["window"][0] == pytest.approx(10 / 3, rel=0.01)
+
+
+def test_a_log_without_a_window_free_of_gaps_is_refused() -> None:
+    data = log(400)
+    t = data.t + 0.5 * (np.arange(400) // 20)
+    with pytest.raises(InputError, match=r"every window of 41 samples has a gap in it; smooth less"):
+        SavitzkyGolay(40 * 0.0025)(Log(t, data.q, data.tau, data.joints, "made"))

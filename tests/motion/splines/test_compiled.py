@@ -297,6 +297,7 @@ def test_a_system_that_breaks_down_says_so_beside_ones_that_do_not(refine: bool)
     for solved in (Solver()(asked), [Solver()([one])[0] for one in asked]):
         assert all(isinstance(one, Solution) and np.isfinite(one.rss) for one in solved[1:])
         assert isinstance(solved[0], IllConditionedError)
+        assert str(solved[0]) == "the Cholesky factorisation broke down"
 
 
 def test_a_straight_line_too_near_to_be_told_by_subtraction_is_left_to_the_long_way() -> None:

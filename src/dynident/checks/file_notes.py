@@ -346,7 +346,7 @@ class OtherZero(Note):
     def __str__(self) -> str:
         return (
             f"is the zero right? With {self.angle:+} deg added to the position "
-            f"{_error_change(self.before, self.after)}. Set `zero` to {radians(self.angle):.4f} rad more, or correct "
+            f"{_error_change(self.before, self.after)}. Add {radians(self.angle):.4f} rad to `zero`, or correct "
             "the robot file."
         )
 

@@ -289,7 +289,7 @@ def choose_in_rounds(
             break
         move = abs(aligned.time_offset - preparation.time_offset)
         preparation, terms = aligned, other_terms
-        # Friction that builds up looks like an offset, and takes its value back from it by half in each round.
+        # Presliding friction looks like an offset; with its terms, each round about halves the error of the offset.
         if move < MIN_FURTHER_MOVE:
             break
     return terms, preparation.with_terms(terms.model, terms.recipe)

@@ -237,7 +237,7 @@ def choose_smoother(
     return SmootherChoice(candidates[int(best_candidates[0])], tuple(candidates), tuple(errors))
 
 
-JOINT_STEPS = (-4, -2, -1, 1, 2, 4)  # from the candidate of all joints to one that is tried on a single joint
+JOINT_STEPS = (1, 2, 4)  # to either side, from the candidate of all joints to one that is tried on a single joint
 JOINT_SAMPLES = 4_000  # of the regressions by which the smoothing of single joints is chosen
 # % of the squared error, and its standard errors, that another smoothing of one joint must gain
 MIN_JOINT_GAIN, MIN_JOINT_GAIN_ERRORS = 1.0, 2.0
@@ -282,11 +282,14 @@ def choose_by_joint(
     best = errors(index)
     for j in range(len(model.joints)):
         report_progress(Step("choosing the smoothing of the joints", j, len(model.joints)))
-        trials = {}
-        for i in {index[j] + step for step in JOINT_STEPS if 0 <= index[j] + step < len(candidates)}:
+        trials, gains = dict[int, Array](), dict[int, Gain]()
+        # of all on a side where the neighbour gains the best one is judged: neighbours differ by too little to be sure
+        for step in (side * step for side in (-1, 1) for step in JOINT_STEPS):
+            i, neighbour = index[j] + step, index[j] + int(np.sign(step))
+            if not 0 <= i < len(candidates) or (i != neighbour and gains[neighbour].share <= 0):
+                continue
             trials[i] = errors([*index[:j], i, *index[j + 1 :]])
-        # of all others the best one is judged: neighbours differ by too little to be sure of each step on the way
-        gains = {i: gain_from_errors(best, trial) for i, trial in trials.items()}
+            gains[i] = gain_from_errors(best, trials[i])
         i, gain = max(gains.items(), key=lambda entry: entry[1].share)
         if gain.share >= max(MIN_JOINT_GAIN, MIN_JOINT_GAIN_ERRORS * gain.std):
             index[j], best = i, trials[i]

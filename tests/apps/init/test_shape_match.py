@@ -78,6 +78,17 @@ def test_blocks_are_found_in_any_order(kinds: tuple[str, ...]) -> None:
         assert all(("Why not" in one.question) == ("current" in kinds) for one in found.torque.values())
 
 
+@pytest.mark.parametrize(
+    "kinds", [("q", "tau"), ("tau", "q"), ("q", "dq", "tau"), ("current", "q", "tau"), ("q", "dq", "ddq", "tau")]
+)
+def test_a_logger_may_write_joint_by_joint(kinds: tuple[str, ...]) -> None:
+    mapping = map_columns(table(np.stack([BLOCKS[kind] for kind in kinds], axis=2).reshape(len(T), -1)), JOINTS)
+    expected = [[str(1 + len(kinds) * j + kinds.index(kind)) for j in range(6)] for kind in ("q", "tau")]
+    assert columns_of(mapping) == [*expected[0], *expected[1]]
+    question = next(iter(mapping.position.values())).question
+    assert all(f"'{column}'" in question for column in expected[0])
+
+
 @pytest.mark.parametrize("names", [lambda k: f"c{k + 1}", lambda k: f"Spalte {k}"], ids=["c1", "Spalte"])
 def test_headers_that_say_nothing(names) -> None:
     whole = table(BLOCKS["q"], BLOCKS["dq"], BLOCKS["tau"])

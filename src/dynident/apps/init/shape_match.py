@@ -1,4 +1,4 @@
-"""Matching of columns without telling names by their values: blocks of one column per joint, in any order.
+"""Matching of columns without telling names by their values: blocks of one column per joint, or a block per joint.
 
 Positions are the block of which another is the derivative, or else the smoothest one; torques are the
 remaining block that the motion explains best. Each is a guess, with its reason and a question.
@@ -36,20 +36,24 @@ EFFORT_PEAK_RANGE = (0.02, 1.5)  # of the effort limit: usual peaks of torques
 
 @dataclass(frozen=True)
 class _ColumnBlock:
-    """As many neighbouring columns as joints, from index ``start`` of those that are not the time."""
+    """As many columns as joints, from index ``start`` of those that are not the time, ``step`` columns apart."""
 
     start: int
     names: tuple[str, ...]
+    step: int = 1
 
     def __str__(self) -> str:
+        if self.step > 1:
+            return ", ".join(map(repr, self.names))
         return f"{self.names[0]!r} to {self.names[-1]!r}" if len(self.names) > 1 else repr(self.names[0])
 
 
 def match_by_shape(table: DataTable, joints: Sequence[MovableJoint]) -> tuple[Match | None, Match | None]:
     """Return the columns of positions and of torques, None where no block of columns looks like them.
 
-    Within a block, columns are in the order of the joints. Columns that are constant, or increase as the time
-    does, are neither, unless they are in a block of others. The fingers of a gripper (sliding joints after
+    Within a block, columns are in the order of the joints; where each joint has all its columns together, a block
+    has every second or third column. Columns that are constant, or increase as the time does, are neither, unless
+    they are in a block of others. The fingers of a gripper (sliding joints after
     turning ones) may be missing.
     """
     # columns that increase are clocks or counters; shorter ones belong to other logs
@@ -59,20 +63,24 @@ def match_by_shape(table: DataTable, joints: Sequence[MovableJoint]) -> tuple[Ma
     n = len(joints)
     if rows < MIN_SAMPLES or not n or len(names) < 2 * n:
         return None, None
-    X = _complete_rows(np.column_stack([table.columns[name] for name in names])[:MAX_SAMPLES])
-    if len(X) < MIN_SAMPLES:
+    columns = _complete_rows(np.column_stack([table.columns[name] for name in names])[:MAX_SAMPLES])
+    if len(columns) < MIN_SAMPLES:
         return None, None
     # at multiples of n where the columns make whole blocks, else anywhere
     starts = range(0, len(names) - n + 1, n if len(names) % n == 0 else 1)
-    blocks = {k: _ColumnBlock(k, tuple(names[k : k + n])) for k in starts}
-    chain, reason = _find_motion(X, starts, n, joints)
-    if not chain:
+    steps = (1, len(names) // n) if len(names) % n == 0 and n > 1 else (1,)
+    orders = {step: [k for first in range(step) for k in range(first, len(names), step)] for step in steps}
+    motions = {step: _find_motion(columns[:, order], starts, n, joints) for step, order in orders.items()}
+    step, motion = max(motions.items(), key=lambda entry: entry[1].merit)
+    if not motion.starts:
         return None, None
-    position = blocks[chain[0]]
+    X, names = columns[:, orders[step]], [names[k] for k in orders[step]]
+    blocks = {k: _ColumnBlock(k, tuple(names[k : k + n]), step) for k in starts}
+    chain, position = motion.starts, blocks[motion.starts[0]]
     twins = [blocks[k] for k in _twin_blocks(X, chain[0], starts, n) if _is_separate(k, chain, n)]
     question = (
-        f"the columns {position} are taken for the positions of {joints[0].name} to {joints[-1].name}, as {reason}: "
-        "are they, and is this order right?"
+        f"the columns {position} are taken for the positions of {joints[0].name} to {joints[-1].name}, as "
+        f"{motion.reason}: are they, and is this order right?"
     )
     if twins:
         question += f" Why not {' or '.join(map(str, twins))}, which are nearly the same?"
@@ -141,8 +149,26 @@ def _min_correlation(C: Array, row_start: int, column_start: int, moving: Mask, 
     return float(entries.min(initial=1.0)) if len(entries) else 0.0
 
 
-def _find_motion(X: Array, starts: Sequence[int], n: int, joints: Sequence[MovableJoint]) -> tuple[list[int], str]:
-    """Return the starts of positions and, if present, velocities and accelerations; and the reason."""
+@dataclass(frozen=True)
+class _MotionBlocks:
+    """The ``starts`` of positions and, if present, velocities and accelerations, with the reason; none where there are
+    no positions.
+
+    ``smoothness`` of the positions is compared between orders of the columns.
+    """
+
+    starts: Sequence[int] = ()
+    reason: str = ""
+    smoothness: float = -np.inf
+
+    @property
+    def merit(self) -> tuple[bool, float]:
+        """The sort key: with derivatives first."""
+        return len(self.starts) > 1, self.smoothness
+
+
+def _find_motion(X: Array, starts: Sequence[int], n: int, joints: Sequence[MovableJoint]) -> _MotionBlocks:
+    """Return the blocks of the motion in columns (N, m)."""
     moving = np.ptp(X, axis=0) > MIN_MOTION
     C, slope = _derivative_correlation(X)
     # a block that is itself a derivative of another one is no block of positions
@@ -159,16 +185,18 @@ def _find_motion(X: Array, starts: Sequence[int], n: int, joints: Sequence[Movab
         third = [d for source, d in pairs if source == b and d != a]
         ratios = {d: float(np.median(_block_diagonal(slope, b, d, moving, n))) / unit for d in third}
         accelerations = [d for d, ratio in ratios.items() if 1 / MAX_UNIT_RATIO < ratio < MAX_UNIT_RATIO]
-        return [a, b, *accelerations], f"their derivative is in the file, too (correlation {pairs[a, b]:.3f})"
+        reason = f"their derivative is in the file, too (correlation {pairs[a, b]:.3f})"
+        return _MotionBlocks([a, b, *accelerations], reason, pairs[a, b])
     # no derivative in the file: of the blocks within reach of the joints the smoothest is the position
     moving_starts = [k for k in starts if moving[k : k + n].any()]
     # in rad and m first, then in degrees and mm
     reachable = [k for k in moving_starts if _is_reachable(joints, X[:, k : k + n])]
     reachable = reachable or [k for k in moving_starts if _is_reachable(joints, X[:, k : k + n], degrees=True)]
     if not reachable:
-        return [], ""
-    k = min(reachable, key=lambda start: _roughness(X[:, start : start + n][:, moving[start : start + n]]))
-    return [k], "they are the smoothest within the range of the joints"
+        return _MotionBlocks()
+    smoothness = {k: -_roughness(X[:, k : k + n][:, moving[k : k + n]]) for k in reachable}
+    k = max(smoothness, key=lambda start: smoothness[start])
+    return _MotionBlocks([k], "they are the smoothest within the range of the joints", smoothness[k])
 
 
 def _is_reachable(joints: Sequence[MovableJoint], X: Array, *, degrees: bool = False) -> bool:

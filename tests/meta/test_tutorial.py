@@ -18,7 +18,6 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -28,10 +27,10 @@ import pytest
 from click.testing import CliRunner
 
 from dynident.cli import main
+from dynident.identification import calibration
 from dynident.project import project
 from tests.laws.test_numbers import check_numbers, numbers_of
 
-identification = import_module("dynident.identification.identify")  # a function there has the name of the module
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 SECTIONS = dict(re.findall(r"^## (.+)\n((?:(?!## ).*\n)+)", TEXT, re.MULTILINE))
@@ -110,9 +109,9 @@ def computed_once() -> Iterator[None]:
     """Fits and findings are made once for each content of robot.yaml; terms, smoothing and time offset are chosen once
     for each recipe, which says nothing of the controller that the page adds."""
     fits = {name: remembered(getattr(project, name), configuration) for name in ("identify", "with_findings")}
-    choice = remembered(identification.choose_in_rounds, lambda model, data, recipe, *_: repr(recipe))
+    choice = remembered(calibration.choose_in_rounds, lambda model, data, recipe, *_: repr(recipe))
     checks = patch.object(project.Project, "examine", remembered(project.Project.examine, configuration))
-    with patch.multiple(project, **fits), patch.object(identification, "choose_in_rounds", choice), checks:
+    with patch.multiple(project, **fits), patch.object(calibration, "choose_in_rounds", choice), checks:
         yield
 
 

@@ -184,19 +184,44 @@ def prepare(
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """All that is chosen before the fit: the model and the ``recipe`` as used, in which nothing is left to choose."""
+    """All that is chosen before the fit: the model and the ``recipe`` as used, in which nothing is left to choose.
+
+    ``term_notes`` are those of the choice of terms.
+    """
 
     model: Model
     recipe: Recipe
     motions: RoleMotions
     alignment: Alignment
     calibration: Calibration
+    term_notes: tuple[Note, ...] = ()
 
     @property
     def notes(self) -> tuple[Note, ...]:
         """What is to be said of the calibration."""
         tilt = self.calibration.base_tilt
-        return (SteepBase(*tilt.steep),) if tilt and tilt.steep else ()
+        return (*((SteepBase(*tilt.steep),) if tilt and tilt.steep else ()), *self.term_notes)
+
+    def problem(self, data: Dataset) -> Problem:
+        """Return the linear problem of the training logs, reduced to triangular factors."""
+        motions = self.motions.train
+        regression = Regression(self.model, motions, self.recipe.selection(self.model.joints))
+        report_progress("reducing the regression to triangular factors")
+        return Problem(
+            self.model, motions, regression.factorise(), data.fitted_logs(self.motions), motions[0].time_offset
+        )
+
+
+def choose_setup(model: Model, data: Dataset, recipe: Recipe, executor: Executor | None = None) -> Setup:
+    """Choose what the recipe leaves to the data: smoother, time offset, base tilt, terms, strength of the prior.
+
+    Smoothers are tried on the ``executor``.
+    """
+    if recipe.terms is None:
+        return calibrate(prepare_in_rounds(model, data, recipe, executor), model, recipe)
+    terms, preparation = choose_in_rounds(model, data, recipe, executor)
+    setup = calibrate(preparation, terms.model, terms.recipe)
+    return replace(setup, calibration=replace(setup.calibration, terms=terms.choice), term_notes=terms.notes)
 
 
 def calibrate(preparation: Preparation, model: Model, recipe: Recipe) -> Setup:

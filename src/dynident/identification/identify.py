@@ -12,7 +12,7 @@ import numpy as np
 from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
 from dynident.identification.base_tilt import BaseTilt
-from dynident.identification.calibration import Calibration, ChosenTerms, calibrate, choose_in_rounds, prepare_in_rounds
+from dynident.identification.calibration import Calibration, choose_setup
 from dynident.identification.dataset import Dataset, NotFitted, RoleMotions, exclusion_notes, substitute_notes
 from dynident.identification.motion_errors import MotionErrors, motion_errors
 from dynident.identification.outliers import held_out_outliers
@@ -60,27 +60,11 @@ def identify(
     recipe = recipe or Recipe()
     with one_thread():
         data = Dataset.of(train, validation, recipe, tuple(joint.name for joint in model.joints))
-        terms: ChosenTerms | None = None
-        if recipe.terms is None:
-            preparation = prepare_in_rounds(model, data, recipe, executor)
-        else:
-            terms, preparation = choose_in_rounds(model, data, recipe, executor)
-            model, recipe = terms.model, terms.recipe
-        setup = calibrate(preparation, model, recipe)
-        regression = Regression(setup.model, setup.motions.train, setup.recipe.selection(setup.model.joints))
-        report_progress("reducing the regression to triangular factors")
-        problem = Problem(
-            setup.model,
-            setup.motions.train,
-            regression.factorise(),
-            data.fitted_logs(setup.motions),
-            setup.motions.train[0].time_offset,
+        setup = choose_setup(model, data, recipe, executor)
+        fit = estimate_parameters(
+            setup.problem(data), setup.recipe.estimator, setup.alignment, setup.calibration.base_tilt
         )
-        fit = estimate_parameters(problem, setup.recipe.estimator, setup.alignment, setup.calibration.base_tilt)
-        calibration, notes = setup.calibration, setup.notes
-        if terms is not None:
-            calibration, notes = replace(calibration, terms=terms.choice), (*notes, *terms.notes)
-        return conclude(fit, data, setup.motions, setup.recipe, calibration, notes)
+        return conclude(fit, data, setup.motions, setup.recipe, setup.calibration, setup.notes)
 
 
 @dataclass(frozen=True, eq=False)

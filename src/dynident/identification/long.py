@@ -17,8 +17,9 @@ import numpy as np
 
 from dynident.estimators import Estimate, Pieces, Problem
 from dynident.estimators.notes import LimitedByMotion, MotionCorrected
+from dynident.identification.calibration import Setup, choose_setup
 from dynident.identification.dataset import Dataset
-from dynident.identification.identify import ParameterFit, conclude, correct_bias, identify
+from dynident.identification.identify import ParameterFit, conclude, correct_bias
 from dynident.identification.motion_errors import MAX_COVARIANCE_SAMPLES, MotionErrors, sampled_bias
 from dynident.identification.pieces import (
     DEFAULT_DIVISION,
@@ -30,7 +31,7 @@ from dynident.identification.pieces import (
     plan_spans,
     read_excerpts,
 )
-from dynident.identification.recipe import Recipe, Rests
+from dynident.identification.recipe import Recipe
 from dynident.identification.repetition import credible_share, pieces_of
 from dynident.identification.result import Identification
 from dynident.identification.uncertainty import RobustStd, covariance_of_calibration
@@ -56,6 +57,7 @@ from dynident.runtime import (
     percent,
     report_progress,
 )
+from dynident.runtime.arrays import Array
 from dynident.validation import clustered_std
 
 MEMORY_DURATION = 10.0  # s before a piece from which terms that remember are followed
@@ -88,11 +90,10 @@ class InPieces(Note):
 class PiecePlan(Noun):
     """The work on all pieces: ``reducer(span)`` for each of ``spans``.
 
-    ``identification`` is that of the excerpts, ``logs``, by which everything was chosen; ``lost_samples`` are in
-    stretches too short to be smoothed.
+    ``setup`` was chosen on the excerpts, ``logs``; ``lost_samples`` are in stretches too short to be smoothed.
     """
 
-    identification: Identification
+    setup: Setup
     logs: Mapping[str, Log]
     reducer: Reducer
     spans: tuple[Span, ...]
@@ -110,34 +111,37 @@ def plan_pieces(
     if recipe.estimator.needs_samples:
         raise _all_at_once(recipe)
     logs = {log.source: log for log in read_excerpts(recordings, division)}
-    identification = identify(model, logs, (), recipe)
-    if identification.estimate.needs_samples:
+    with one_thread():
+        data = Dataset.of(logs, (), recipe, tuple(joint.name for joint in model.joints))
+        setup = choose_setup(model, data, recipe)
+        estimate = call_part(setup.recipe.estimator, setup.problem(data), Estimate)
+    if estimate.needs_samples:
         raise _all_at_once(recipe)
     # Every piece must be smoothed alike, else their factors would not merge to those of the whole.
-    smoother, log, motion = _fix_smoother(identification, logs)
+    smoother, log, motion = _fix_smoother(setup, logs)
     step = float(np.median(np.diff(log.t)))
     # Samples around a piece, so that its smoothed motion, friction states and filter are those of the whole.
     margin = overlap(smoother, log, motion)
     if motion.memory is not None:
         margin += round(MEMORY_DURATION / step)
-    if (parallel_filter := identification.recipe.filter) is not None:
+    if (parallel_filter := setup.recipe.filter) is not None:
         margin += parallel_filter.pad_samples(parallel_filter.sections(motion))
-    used_recipe = replace(identification.recipe, smoother=smoother)
+    used_recipe = replace(setup.recipe, smoother=smoother)
     # The excerpts decided whether rests within are left out; pieces follow that decision.
-    inner_rests = [note for note in identification.notes if isinstance(note, Rests) and note.within]
-    leave_out_rests = recipe.rests == "trim" and (not inner_rests or any(note.left_out for note in inner_rests))
+    inner_rests = [rest for rest in setup.motions.rests if rest.within]
+    leave_out_rests = recipe.rests == "trim" and (not inner_rests or any(rest.left_out for rest in inner_rests))
     spans, lost_samples = plan_spans(recordings, division, margin)
     if not spans:
         raise InputError(f"{recordings[0].label}: no stretch without a gap is long enough to be smoothed.")
     reducer = Reducer(
-        identification.model,
+        setup.model,
         used_recipe,
         tuple(recordings),
         leave_out_rests,
-        identification.estimate.value,
-        _credible_noise_share(identification, logs),
+        estimate.value,
+        _credible_noise_share(setup, estimate.value, logs),
     )
-    return PiecePlan(identification, logs, reducer, spans, lost_samples)
+    return PiecePlan(setup, logs, reducer, spans, lost_samples)
 
 
 def _all_at_once(recipe: Recipe) -> ConfigError:
@@ -173,8 +177,8 @@ def identify_from_pieces(
         fit = _estimate_from_pieces(problem, sample, plan, pieces, clustered)
         residuals = _piece_residuals(plan, pieces, parts(), fit.regression, fit.estimate)
         estimate = replace(fit.estimate, residual=replace(fit.estimate.residual, pieces=residuals))
-        notes = (_pieces_note(plan, residuals, model),)
-        calibration = plan.identification.calibration
+        notes = (*plan.setup.notes, _pieces_note(plan, residuals, model))
+        calibration = plan.setup.calibration
         return conclude(replace(fit, estimate=estimate), data, motions, recipe, calibration, notes, clustered)
 
 
@@ -184,7 +188,7 @@ def _estimate_from_pieces(
     """Fit the parameters to all pieces; correct a significant bias by the motion, as repetitions of pieces show it."""
     model, recipe, regression = problem.model, plan.reducer.recipe, problem.regression
     estimate = call_part(recipe.estimator, problem, Estimate)
-    calibration = plan.identification.calibration
+    calibration = plan.setup.calibration
     covariance = covariance_of_calibration(model, sample, estimate, calibration.time_offset, calibration.base_tilt)
     fit = ParameterFit(problem, estimate, regression, covariance)
     report_progress("repeating the smoothing")
@@ -244,24 +248,24 @@ def _pieces_note(plan: PiecePlan, pieces: Pieces, model: Model) -> InPieces:
     return InPieces(samples, seconds, len(plan.spans), len(plan.logs), model.joints[worst].name, float(error[worst]))
 
 
-def _credible_noise_share(identification: Identification, logs: Mapping[str, Log]) -> float:
+def _credible_noise_share(setup: Setup, theta: Array, logs: Mapping[str, Log]) -> float:
     """Return the share of the position noise that the residual of the excerpts allows."""
-    model, theta, (smoother,) = identification.model, identification.estimate.value, identification.recipe.smoothers
+    model, recipe, (smoother,) = setup.model, setup.recipe, setup.recipe.smoothers
     share = min(1.0, MAX_COVARIANCE_SAMPLES / sum(map(len, logs.values())))
-    recipe = identification.recipe
     parts = [
         piece
-        for validation in identification.validations
-        for log in (recipe.repair(recipe.trim(logs[validation.name]), torque=True),)
-        for piece in pieces_of(model, log, validation.motion, smoother, theta, share)
+        for name, motion in setup.motions.by_role["train"].items()
+        for piece in pieces_of(
+            model, recipe.repair(recipe.trim(logs[name]), torque=True), motion, smoother, theta, share
+        )
     ]
     return credible_share(model, parts, theta, np.random.default_rng(0))
 
 
-def _fix_smoother(identification: Identification, logs: Mapping[str, Log]) -> tuple[Smoother, Log, Motion]:
+def _fix_smoother(setup: Setup, logs: Mapping[str, Log]) -> tuple[Smoother, Log, Motion]:
     """Return a smoother with fixed bandwidth for all pieces, and the excerpt that it is taken from."""
-    (smoother,) = identification.recipe.smoothers
-    widths = [np.mean(validation.motion.smoothing.get("bandwidth", 0.0)) for validation in identification.validations]
+    (smoother,), motions = setup.recipe.smoothers, setup.motions.by_role["train"]
+    widths = {name: float(np.mean(motion.smoothing.get("bandwidth", 0.0))) for name, motion in motions.items()}
     # The median bandwidth, so that an excerpt with unusual motion does not decide.
-    middle = identification.validations[int(np.argsort(widths, kind="stable")[len(widths) // 2])]
-    return smoother.as_used(middle.motion), logs[middle.name], middle.motion
+    middle = sorted(widths, key=lambda name: widths[name])[len(widths) // 2]
+    return smoother.as_used(motions[middle]), logs[middle], motions[middle]

@@ -288,7 +288,7 @@ def pieces_name(preparation: PiecePlan, recordings: Sequence[LongLog]) -> str:
         "channels": [part.config.model_dump(mode="json", exclude={"train"}) for part in recordings],
         "files": [file_stamp(str(path), path.parent) + str(path) for part in recordings for path in part.files],
     }
-    if (choice := preparation.identification.calibration.terms) is not None:
+    if (choice := preparation.setup.calibration.terms) is not None:
         identity["terms"] = [TERMS.describe(part) for part in choice.terms]
     text = json.dumps(identity, default=str, sort_keys=True)
     return f"pieces-{sha256(text.encode()).hexdigest()[:12]}.parquet"

@@ -66,11 +66,10 @@ class TermKind(StrEnum):
         "Shift this torque in the file: `time_offset` is the same for all joints.",
     )
     SATURATION = (
-        *(
-            "torque that saturates",
-            "saturation at a torque of the usual size (rms) by this share, of iron if negative,",
-        ),
-        *("", "Does the drive saturate, or the iron of the motor, whose torque constant then falls with the current?"),
+        "torque that saturates",
+        "saturation at a torque of the usual size (rms) by this share, of iron if negative,",
+        "",
+        "Does the drive saturate, or the iron of the motor, whose torque constant then falls with the current?",
     )
     COUPLED = "coupled motor", "a motor that turns with both joints", "", "Add it to `couplings` of the model."
     NEIGHBOUR = (

@@ -15,7 +15,6 @@ from dynident.runtime import ModelError
 from dynident.runtime.arrays import Array
 from dynident.validation import ColouredFit
 
-
 MIN_EFFECT = 1e-9  # of the torque (norm), by a change of one rad or s: less is rounding
 MIN_EIGENVALUE = 1e-10  # of columns of norm one, as a share of the largest: directions below it cannot be told
 

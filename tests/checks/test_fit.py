@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import log_notes
+from dynident.checks import file_notes, log_notes, robot_notes, run_checks
 from dynident.checks.motion import compensation_findings, friction_findings, repeat_findings, slow_findings
 from dynident.checks.stamps import thin_regression
 from dynident.models import Model, RigidBodies
@@ -45,6 +45,19 @@ def test_compensated_gravity_is_said_with_its_share(seed: int) -> None:
     assert isinstance(note, log_notes.GravityCompensated)
     assert abs(note.factor) < max(5 * note.std, 0.02)
     assert note.after < 0.8 * note.before
+
+
+def test_compensated_gravity_is_said_beside_a_larger_effect_that_the_model_lacks() -> None:
+    """Friction without a term hides most of the difference; nothing else is said of the torques of the arm."""
+    bare = motion(0, gravity=False)
+    rubbed = replace(bare, tau=bare.tau + bare.tau.std(axis=0) * np.sign(bare.dq))
+    (finding,) = compensation_findings(thin_regression(MODEL, [rubbed]))
+    assert abs(finding.message.factor) < 0.1
+    assert 0.8 * finding.message.before < finding.message.after < 0.95 * finding.message.before
+    log = Log(T, rubbed.q, rubbed.tau, rubbed.joints)
+    kinds = {type(finding.message) for finding in run_checks(MODEL, {"train": {"log": log}}).findings}
+    assert log_notes.GravityCompensated in kinds
+    assert not kinds & {robot_notes.TermLeftOut, robot_notes.Unexplained, file_notes.UnrelatedTorque}
 
 
 @pytest.mark.parametrize("shown", [0.0, 0.002, 0.05])

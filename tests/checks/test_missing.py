@@ -62,6 +62,12 @@ def test_an_effect_of_one_joint_is_named_with_its_size(kind: TermKind) -> None:
         assert 0.0 < note.cost < 100 * 0.06 * np.square(TAU).max() / np.mean(TAU**2)
 
 
+def test_a_torque_constant_that_falls_with_the_current_is_a_negative_saturation() -> None:
+    first, *_ = explain_residual(case(with_torque(0.06 * TAU**3 / np.mean(TAU**2))))
+    assert (first.joint, first.message.effect) == ("j1", TermKind.SATURATION)
+    assert first.message.value == pytest.approx(-0.06, rel=0.25)
+
+
 @pytest.mark.parametrize("kind", LEFT_OUT)
 def test_a_term_that_was_left_out_is_named_with_its_cost_on_a_faster_motion(kind: TermKind) -> None:
     notes = [finding.message for finding in explained(kind)]

@@ -22,6 +22,7 @@ from dynident.identification import (
     identify,
     tilt_base,
 )
+from dynident.identification.calibration_std import calibration_std
 from dynident.identification.uncertainty import covariance_of_calibration
 from dynident.models import Model, RigidBodies
 from dynident.models.friction import Viscous
@@ -242,3 +243,23 @@ def test_a_gravity_that_was_set_is_kept() -> None:
     side = model.with_gravity(lambda _: (0.0, 9.81, 0.0))
     found = find_base_tilt(side, [motion], PhysicallyConsistent())
     assert max(abs(found.x), abs(found.y)) < 0.2
+
+
+def test_an_unknown_that_acts_only_by_rounding_has_no_standard_error() -> None:
+    """A base turned about the vertical changes no torque; what is left of it is rounding."""
+    model, motion = tilted(0.0, 0.0)
+    rng, regression = np.random.default_rng(8), Regression(model, [motion])
+    lines, residual = rng.standard_normal((3, 1500, 2)), rng.standard_normal((3, 1500))
+    lines[..., 0] = 1e-14 * (lines[..., 0] - lines[..., 1])
+    (alone,) = calibration_std([lines[..., 1:]], [residual], regression)
+    assert calibration_std([lines], [residual], regression) == pytest.approx([np.inf, alone])
+    assert calibration_std([lines[..., :1]], [residual], regression).tolist() == [np.inf]
+
+
+def test_unknowns_that_act_alike_share_their_standard_error() -> None:
+    model, motion = tilted(0.0, 0.0)
+    rng, regression = np.random.default_rng(9), Regression(model, [motion])
+    line, residual = rng.standard_normal((3, 1500, 1)), rng.standard_normal((3, 1500))
+    alike = line * np.array([1.0, 1.0 + 1e-13])
+    (alone,) = calibration_std([line], [residual], regression)
+    assert calibration_std([alike], [residual], regression) == pytest.approx([alone / 2, alone / 2], rel=1e-6)

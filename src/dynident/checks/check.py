@@ -12,7 +12,7 @@ from dynident.checks.alternatives import MAX_JOINTS_ALL_PAIRS
 from dynident.checks.channels import ChannelFacts, channel_facts, check_log_fully, torque_findings
 from dynident.checks.explain import joints_of_right_gain, robot_findings
 from dynident.checks.file_notes import ColumnReversed, JointsSwapped, MotorCoupled, OtherAxis, OtherGravity, OtherZero
-from dynident.checks.log_notes import FrozenTorque, PerhapsRadians
+from dynident.checks.log_notes import FrozenTorque, GravityCompensated, PerhapsRadians
 from dynident.checks.missing import is_tried_effect
 from dynident.checks.motion import (
     Excitation,
@@ -47,6 +47,8 @@ from dynident.runtime.families import action
 PLAIN_ESTIMATOR = LeastSquares()
 # found by trying alternatives
 LARGE_FAULTS = (JointsSwapped, ColumnReversed, OtherZero, MotorCoupled, OtherAxis, OtherGravity)
+# beside which torques are those of no other fault
+WRONG_TORQUES = (OtherGravity, GravityCompensated, PerhapsRadians)
 # explain by themselves what a fit leaves of a joint's torque
 SILENT_TORQUES = (channel_notes.ConstantTorque, FrozenTorque)
 STILL_JOINTS = (channel_notes.NeverMoves, HardlyMoves)
@@ -257,10 +259,11 @@ class _CheckRun:
         mounted_model = model if not isinstance(recipe.base_tilt, tuple) else tilt_base(model, *recipe.base_tilt)
         agreements = agreement(mounted_model, motions)
         findings += hardly_moving_findings(excitations, model)
-        findings += _motion_findings(mounted_model, motions, excitations, agreements)
         # a few samples are enough for checks that only compare fits
         sample_regression = thin_regression(model, motions, selection.min_speed)
-        for find in (radian_findings, compensation_findings, slow_findings):
+        gravity = [*gravity_findings(mounted_model, motions), *compensation_findings(sample_regression)]
+        findings += _motion_findings(model, excitations, agreements, gravity)
+        for find in (radian_findings, slow_findings):
             findings += find(sample_regression)
         # where there is no friction, none was chosen
         findings += friction_findings(thin_regression(self.plain or model, motions, selection.min_speed))
@@ -285,7 +288,7 @@ class _CheckRun:
     def find_robot_faults(self, motions: tuple[Motion, ...], held_out: Mapping[str, Motion]) -> None:
         """Add the findings on the robot and its model, which cannot be found where gravity or a unit is wrong."""
         model, plain, recipe, findings = self.model, self.plain, self.recipe, self.findings
-        if any(isinstance(finding.message, OtherGravity | PerhapsRadians) for finding in findings):
+        if any(isinstance(finding.message, WRONG_TORQUES) for finding in findings):
             return
         if _factor_size(model) > MAX_SEARCH_NUMBERS:
             findings.append(_skipped_search_finding(SearchKind.CAUSES, model))
@@ -343,18 +346,17 @@ def _file_findings(model: Model, joints: tuple[str, ...]) -> list[Finding]:
 
 
 def _motion_findings(
-    model: Model, motions: Sequence[Motion], excitations: Sequence[Excitation], agreements: Sequence[Agreement]
+    model: Model, excitations: Sequence[Excitation], agreements: Sequence[Agreement], gravity: Sequence[Finding]
 ) -> Iterator[Finding]:
-    """Yield the findings on gravity, and on each joint's limits and torque."""
-    downward = list(gravity_findings(model, motions))
+    """Yield the findings on ``gravity``, and on each joint's limits and torque."""
     beyond = [
         finding
         for joint, entry in zip(model.joints, excitations, strict=True)
         for finding in limit_findings(entry, model.limits.get(joint.name), joint.effort)
     ]
-    yield from (*downward, *beyond)
+    yield from (*gravity, *beyond)
     # the nominal torques hold only for the right gravity and unit of positions
-    if not downward and not any(finding.forbids for finding in beyond):
+    if not gravity and not any(finding.forbids for finding in beyond):
         for joint, joint_agreement in zip(model.joints, agreements, strict=True):
             yield from agreement_findings(joint_agreement, joint.effort)
 

@@ -279,7 +279,7 @@ class PerhapsRadians(Note):
 class GravityCompensated(Note):
     """The torque contains the share ``factor`` +- ``std`` of the gravity of the inertias.
 
-    ``before`` and ``after`` are the errors (%) of the fit with gravity and without.
+    ``before`` and ``after`` are the errors (%) of the fit with gravity and with that share.
     """
 
     topic = "gravity compensated"
@@ -291,7 +291,7 @@ class GravityCompensated(Note):
 
     def __str__(self) -> str:
         return (
-            f"the torque shows {self.factor:z.2f} +- {short(self.std, 2)} times the gravity of the arm: without it "
+            f"the torque shows {self.factor:z.2f} +- {short(self.std, 2)} times the gravity of the arm: with this "
             f"the plain fit leaves {percent(self.after)} instead of {percent(self.before)}. Was it logged after "
             "gravity compensation, or is the arm mounted so that gravity does not act? Log the whole torque, add the "
             "compensation to it by `sum`, or set `gravity: [0, 0, 0]` for a model without gravity."

@@ -93,7 +93,7 @@ MIN_TORQUE_SHARE = 0.005  # share of a joint's torque (rms) below which an effec
 MIN_WARNING_SHARE = 0.4  # ... and to be warned of
 MIN_OPEN_GAIN = 10.0  # %, of the squared error: a term that gains more, but within its error, was not refused
 LIBRARY_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR)  # terms of the library
-POSITIVE_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD, TermKind.SATURATION)
+POSITIVE_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD)
 # the kinds by which a choice of terms has tried an effect
 TRIED_KINDS = {kind: {kind.term} for kind in TermKind if kind.term}
 TRIED_KINDS |= {kind: {"coulomb", "dahl"} for kind in (TermKind.COULOMB, TermKind.SMOOTH)}

@@ -30,7 +30,7 @@ from dynident.regression import (
 from dynident.runtime import Finding
 from dynident.runtime.arrays import Array
 
-MAX_COMPENSATED_ERROR = 0.8  # of the error with gravity: without it, a fit must be better by that much
+MAX_COMPENSATED_ERROR = 0.95  # of the error with gravity: with nearly none, a fit must be better by that much
 MAX_GRAVITY_SHARE = 0.3  # share of gravity from which on it is not compensated
 SHARE_STEP = 0.05  # of the share, for the curvature of the error
 MAX_SAME_DATA_ERROR = 1e-4  # %, difference of logs that hold the same samples
@@ -44,7 +44,7 @@ MIN_FRICTION_SHARE = 1.0  # %, of a joint's torque: drives and gears have severa
 
 
 def compensation_findings(regression: Regression) -> Iterator[Finding]:
-    """Yield that the torque fits the model far better without gravity, which was then compensated before logging.
+    """Yield that the torque fits the model better with hardly any gravity, which was then compensated before logging.
 
     The share of gravity is fitted, with the parameters eliminated at each trial; its standard error assumes white
     residuals.
@@ -57,19 +57,20 @@ def compensation_findings(regression: Regression) -> Iterator[Finding]:
     def error(share: float) -> float:
         return rms_error(replace(regression, model=regression.model.with_gravity(lambda g: share * g)))
 
-    before, after = rms_error(regression), error(0.0)
-    if not after < MAX_COMPENSATED_ERROR * before:
+    before = rms_error(regression)
+    if not error(0.0) < before:
         return
     # the share is near zero where gravity is compensated: search there only, and stop at the bounds
     bounds = (-MAX_GRAVITY_SHARE, MAX_GRAVITY_SHARE)
     factor = float(minimize_scalar(error, bounds=bounds, method="bounded", options={"xatol": 1e-3}).x)
-    if abs(factor) > 0.9 * MAX_GRAVITY_SHARE:
+    after = error(factor)
+    if abs(factor) > 0.9 * MAX_GRAVITY_SHARE or after > MAX_COMPENSATED_ERROR * before:
         return
     # the standard error follows from the curvature of the squared error, by a second difference
-    middle, *sides = (error(factor + side) ** 2 for side in (0.0, -SHARE_STEP, SHARE_STEP))
-    curvature = max((sides[0] + sides[1] - 2 * middle) / SHARE_STEP**2, 1e-12)
+    sides = error(factor - SHARE_STEP) ** 2 + error(factor + SHARE_STEP) ** 2
+    curvature = max((sides - 2 * after**2) / SHARE_STEP**2, 1e-12)
     count = regression.usable_samples * len(regression.model.joints)
-    std = float(np.sqrt(2 * middle / (count * curvature)))
+    std = float(after * np.sqrt(2 / (count * curvature)))
     yield Finding(log_notes.GravityCompensated(factor, std, before, after))
 
 

@@ -66,8 +66,10 @@ class TermKind(StrEnum):
         "Shift this torque in the file: `time_offset` is the same for all joints.",
     )
     SATURATION = (
-        *("torque that saturates", "saturation that lowers a torque of the usual size (rms) by this share,", ""),
-        "Check whether the drive saturates, and how torque was computed from current.",
+        "torque that saturates",
+        "saturation at a torque of the usual size (rms) by this share, of iron if negative,",
+        "",
+        "Does the drive saturate, or the iron of the motor, whose torque constant then falls with the current?",
     )
     COUPLED = "coupled motor", "a motor that turns with both joints", "", "Add it to `couplings` of the model."
     NEIGHBOUR = (
@@ -306,7 +308,7 @@ class MissingTerm(Costly):
 
     ``share`` is that of the joint's own squared residual that it removes. ``partner`` is the other joint of a
     coupled motor or torque, ``period`` that of a ripple (rad or m). The value of a saturation is the share of the
-    torque that is lost at its rms.
+    torque that is lost at its rms, negative where the torque shown is too large.
     """
 
     topic = "missing term"

@@ -15,6 +15,9 @@ from dynident.runtime import ModelError
 from dynident.runtime.arrays import Array
 from dynident.validation import ColouredFit
 
+MIN_EFFECT = 1e-9  # of the torque (norm), by a change of one rad or s: less is rounding
+MIN_EIGENVALUE = 1e-10  # of columns of norm one, as a share of the largest: directions below it cannot be told
+
 
 def calibration_std(lines: Sequence[Array], residuals: Sequence[Array], regression: Regression) -> Array:
     """Return the standard errors (k) of unknowns where residuals are correlated: of A^-1 S A^-1.
@@ -22,9 +25,14 @@ def calibration_std(lines: Sequence[Array], residuals: Sequence[Array], regressi
     ``lines`` (n, N, k) are the derivatives of the ``residuals`` (n, N) of each motion by the unknowns, from which all
     other parameters are eliminated; ``regression`` is that at their values. Infinite for unknowns without effect.
     """
+    size = np.sqrt(np.sum([np.square(line).sum(axis=(0, 1)) for line in lines], axis=0))
+    torque = np.sqrt(sum(float(np.sum(motion.tau[motion.mask] ** 2)) for motion in regression.motions))
+    acts = size > MIN_EFFECT * torque
+    std = np.full(len(size), np.inf)
+    if not acts.any():
+        return std
+    lines = [line[..., acts] / size[acts] for line in lines]
     A = np.sum([np.einsum("jti,jtk->ik", line, line) for line in lines], axis=0)
-    if not np.all(np.diag(A) > 0):
-        return np.full(len(A), np.inf)
     S = long_run([np.einsum("jti,jt->ti", line, e) for line, e in zip(lines, residuals, strict=True)])
     # The other parameters took their share of the slow errors: the noise before that, as AR(1), may tell more.
     coloured = np.zeros_like(A)
@@ -32,8 +40,10 @@ def calibration_std(lines: Sequence[Array], residuals: Sequence[Array], regressi
         for line in lines:
             sums = line[j].T @ one_pole_filter(rho, line[j].T).T
             coloured += v * (sums + sums.T - line[j].T @ line[j])
-    inverse = np.linalg.pinv(A)
-    return np.asarray(np.sqrt(np.maximum(*(np.diag(inverse @ part @ inverse) for part in (S, coloured)))))
+    inverse = np.linalg.pinv(A, rcond=MIN_EIGENVALUE, hermitian=True)
+    variances = [np.diag(inverse @ part @ inverse) for part in (S, coloured)]
+    std[acts] = np.sqrt(np.maximum(np.max(variances, axis=0), 0.0)) / size[acts]
+    return std
 
 
 def _noise_of(regression: Regression) -> Iterator[tuple[float, float]]:

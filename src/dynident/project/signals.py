@@ -142,9 +142,7 @@ def _drop_unusable_rows(table: DataTable, used_columns: Mapping[str, Array], con
         complete_rows = np.flatnonzero(keep)
         keep[complete_rows[0] : complete_rows[-1] + 1] = True
     if not keep.all():
-        table = table.select_rows(
-            keep, f"{(~keep).sum()} rows{place}, where columns are empty or NaN, are left out."
-        )
+        table = table.select_rows(keep, f"{(~keep).sum()} rows{place}, where columns are empty or NaN, are left out.")
         columns = [column[keep] for column in columns]
     # a row repeats the previous one only where all of its columns do
     is_new = np.zeros(len(columns[0]), dtype=bool)

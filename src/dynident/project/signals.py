@@ -68,8 +68,8 @@ def signals(table: DataTable, config: Config, joints: Sequence[Joint], *, measur
     """Return the channels of the joints; torques are zero where they are not ``measured``.
 
     Incomplete rows at both ends (with ``gaps: split`` all), duplicate rows and, with ``close_stamps: drop``, rows right
-    after the previous one are dropped, with a note of the table. Raises ConfigError where the transmission is singular, InputError where a column
-    is missing or a time is wrong.
+    after the previous one are dropped, with a note of the table. Raises ConfigError where the transmission is singular,
+    InputError where a column is missing or a time is wrong.
     """
     # incomplete and repeated rows go first, since they would count as close ones
     table = _drop_unusable_rows(table, _used_columns(table, config, joints, measured=measured), config)

@@ -48,8 +48,8 @@ def turn_faster(joint: int, factor: float) -> Motion:
     return replace(MOVED, q=factors * MOVED.q, dq=factors * MOVED.dq, ddq=factors * MOVED.ddq)
 
 
-def move_zero(joint: int) -> Motion:
-    return replace(MOVED, q=MOVED.q - on_joint(joint, 0.1, 0.0))
+def move_zero(joint: int, angle: float = 0.1) -> Motion:
+    return replace(MOVED, q=MOVED.q - on_joint(joint, angle, 0.0))
 
 
 def stamp(rate: float) -> Motion:
@@ -67,6 +67,7 @@ FAULTS = {  # the note, its joint, the right value, the largest standard error, 
     "length 0.44": (LengthWrong, "j3", 0.4, 0.01, lambda: case(motion(noise=0.004), arm(text(0.44)))),
     "length 0.2": (LengthWrong, "j3", 0.4, 0.01, lambda: case(motion(noise=0.004), arm(text(0.2)))),
     "zero": (ZeroOff, "j2", 0.1, 0.05, lambda: case(move_zero(1))),
+    "zero of another frame": (ZeroOff, "j2", 0.8, 0.05, lambda: case(move_zero(1, 0.8))),
     "clock": (ClockWrong, None, 1.25, 0.03, lambda: case(stamp(1.25))),
 }
 

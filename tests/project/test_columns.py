@@ -46,6 +46,12 @@ NAMES = {  # role, joint, number, unit, rank
     "time_ms": ("time", None, None, "ms", 0),
     "Time [s]": ("time", None, None, "s", 0),
     "t": ("time", None, None, None, 0),
+    "ts": ("time", None, None, None, 0),
+    "qpos[2]": ("position", None, 2, None, 0),
+    "qvel[2]": ("velocity", None, 2, None, 0),
+    "qfrc_actuator[2]": ("torque", None, 2, None, 0),
+    "qfrc_bias[2]": ("torque", None, 2, None, -2),
+    "$AXIS_ACT[2]": ("position", None, 2, None, 1),
     "vir": ("", None, None, None, 0),
 }
 

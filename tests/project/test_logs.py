@@ -92,6 +92,17 @@ def test_rows_without_values_at_the_ends_are_left_out(tmp_path):
         read(tmp_path, recording(q=lambda k: "" if k < 5 else np.sin(k), tau=lambda k: "" if k == 10 else 1))
 
 
+def test_rows_without_values_are_left_out_where_gaps_may_be_split(tmp_path):
+    columns = {"q": lambda k: "" if k == 50 else np.sin(0.02 * k), "tau": lambda k: "" if 100 <= k < 130 else k}
+    reading = read(tmp_path, recording(**columns), "gaps: split")
+    first, second = reading.logs
+    assert (len(first), len(second)) == (99, 70)
+    assert reading.warnings[0] == "a: 31 rows, where columns are empty or NaN, are left out."
+    assert first.t[50] == 0.51
+    with pytest.raises(InputError, match="31 such rows in all"):
+        read(tmp_path, recording(**columns))
+
+
 def test_rows_written_twice_are_left_out(tmp_path):
     header, *rows = recording().splitlines()
     text = "\n".join([header, *(row for k, row in enumerate(rows) for _ in range(1 + (k % 50 == 7)))])

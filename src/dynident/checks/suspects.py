@@ -242,7 +242,7 @@ def clock_suspect() -> Suspect:
 
 DIFFERENCE_STEP = 1e-5  # rad, m, or of a logarithm, of the differences
 MAX_USUAL_CHANGE, MAX_USUAL_SHIFT = 1 / 3, 0.05  # share of a length in the file, and m where it has none there
-MAX_ANGLE, MAX_LENGTH = 0.6, 0.6  # rad, m: errors beyond are no small ones
+MAX_ZERO, MAX_ANGLE, MAX_LENGTH = 1.2, 0.6, 0.6  # rad, rad, m: zeros are often those of another frame
 ZERO_ORDER, ORIGIN_ORDER, NEW_ORIGIN_ORDER, AXIS_ORDER = 0, 2, 3, 4  # orders: the likeliest fault first
 
 
@@ -274,7 +274,7 @@ def _zero_suspect(j: int, joint: Joint) -> Suspect:
         q[:, j] += value
         return replace(case, q=q)
 
-    limit = MAX_ANGLE if joint.kind == "revolute" else MAX_LENGTH
+    limit = MAX_ZERO if joint.kind == "revolute" else MAX_LENGTH
     return Suspect(joint.name, SuspectQuantity.ZERO, correct_case, robot_notes.ZeroOff, limit, ZERO_ORDER)
 
 

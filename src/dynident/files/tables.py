@@ -197,7 +197,8 @@ def _find_reader(path: Path, kind: str) -> Callable[..., DataTable]:
     elif is_parts or stat.S_ISDIR(file_status(path, kinds=READERS.kinds()).st_mode):
         kind = PARQUET if is_parts else BAG_FOLDER
     if kind not in READERS.table and kind not in READERS.kinds():
-        raise InputError(f"{path}: files of type {kind!r} cannot be read; {choices(kind, READERS.kinds())}")
+        suffixes = [suffix for suffix in READERS.kinds() if suffix != DATA_SET]
+        raise InputError(f"{path}: files of type {kind!r} cannot be read; {choices(kind, suffixes)}")
     reader: Callable[..., DataTable] = READERS.get(kind)
     return reader if kind in READERS.table else partial(_call_external, reader)
 

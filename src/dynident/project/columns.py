@@ -49,16 +49,18 @@ def _word_set(text: str) -> frozenset[str]:
 
 
 _ROLES: Mapping[str, frozenset[str]] = {  # the first that a name has is its role
-    "acceleration": _word_set("ddq qdd acc accel acceleration accelerations ddtheta qddot beschleunigung"),
+    "acceleration": _word_set("ddq qdd qacc acc accel acceleration accelerations ddtheta qddot beschleunigung"),
     "velocity": _word_set(
-        "dq qd vel velocity velocities speed speeds qdot dtheta omega geschwindigkeit drehzahl vitesse velocidad"
+        "dq qd qvel vel velocity velocities speed speeds qdot dtheta omega geschwindigkeit drehzahl vitesse velocidad"
     ),
     "current": _word_set("current currents cur curr iq amp amps ampere i strom courant corriente"),
-    "torque": _word_set("tau torque torques effort efforts eff trq tq moment force forces drehmoment kraft couple"),
-    "position": _word_set(
-        "q pos position positions angle angles ang theta th phi enc encoder encoders qm winkel posicion posizione"
+    "torque": _word_set(
+        "tau qfrc torque torques effort efforts eff trq tq moment force forces drehmoment kraft couple"
     ),
-    "time": _word_set("t time times stamp stamps timestamp timestamps clock secs zeit temps tiempo tempo"),
+    "position": _word_set(
+        "q qpos pos position positions angle angles ang theta th phi enc encoder encoders qm winkel posicion posizione"
+    ),
+    "time": _word_set("t ts time times stamp stamps timestamp timestamps clock secs zeit temps tiempo tempo"),
 }
 _COMMANDED_WORDS = _word_set(
     "cmd command commands commanded des desired target targets ref reference goal setpoint sp d nominal plan planned "
@@ -68,10 +70,11 @@ _MEASURED_WORDS = _word_set("meas measured actual act fb feedback msr real sense
 _FILTERED_WORDS = _word_set("filt filtered smooth smoothed est estimated hat lp")
 _DERIVED_WORDS = _word_set(
     "err error errors ext external fric friction grav gravity model coriolis comp diff std var temp temperature limit "
-    "max min ff feedforward residual res tcp eef wrench cartesian ft"
+    "max min ff feedforward residual res tcp eef wrench cartesian ft "
+    "bias passive constraint inverse"
 )
 _AFTER_PRESENT = _word_set("pos position positions angle angles torque torques effort efforts")
-_STATE_WORDS = _word_set("observation state")  # as LeRobot names the positions
+_POSITION_PHRASES = _word_set("observation state"), _word_set("axis act")  # of LeRobot, and of the traces of KUKA
 
 
 @dataclass(frozen=True)
@@ -116,7 +119,7 @@ def read_name(column: str, joints: Iterable[str]) -> ColumnName:
         _find_role(remaining)
         or (_find_role(words) if joint else "")
         or unit_role
-        or ("position" if set(words) >= _STATE_WORDS else "")
+        or ("position" if any(phrase <= set(words) for phrase in _POSITION_PHRASES) else "")
     )
     role = unit_role if unit_role and role == "time" else role  # T1 [Nm] is a torque
     unit = _UNITS.get(role, {}).get(unit_spelling)

@@ -250,7 +250,8 @@ def _name_logs(config: Config, source: str) -> Config:
     # logs are found by name in results and reports, so names must differ
     name, count = Counter(spec.name for spec in named_specs).most_common(1)[0]
     if count > 1:
-        raise ConfigError(f"{source}: {count} logs are named {name!r}; give each of them a distinct `name`.")
+        advice = "hold out another file or `window`, or give each of them a distinct `name`."
+        raise ConfigError(f"{source}: {count} logs are named {name!r}; {advice}")
     split = len(config.train)
     return config.model_copy(update={"train": tuple(named_specs[:split]), "validation": tuple(named_specs[split:])})
 

@@ -210,6 +210,7 @@ def _exclusion_warnings(spec: LogSpec, logs: Sequence[Log]) -> Iterator[str]:
 def log_of(table: DataTable, config: Config, joints: Sequence[Joint], name: str) -> tuple[Log, NDArray[np.intp]]:
     """Return the log of all rows of a table, between which there is no gap, and which rows these are after repetitions
     are left out; raises as ``read_logs``."""
+    config = config.model_copy(update={"gaps": "error"})  # rows that are left out would be gaps
     recording = signals(table, config, joints, measured=True)
     rows = np.arange(len(recording.t)) if recording.table.rows is None else recording.table.rows
     return _respace_log(_cut_window(recording, (None, None), joints, name), config.time.spacing)[0], rows
@@ -263,8 +264,8 @@ def _cut_window(recording: RecordedSignals, window: Interval, joints: Sequence[J
         )
     part = slice(int(rows[0]), int(rows[-1]) + 1)  # the stamps increase
     # only samples inside the window must be finite; the first bad one is named
-    for column, values in recording.columns.items():
-        bad = rows[bad_values(values[part])]
+    bad_rows = {column: rows[bad_values(values[part])] for column, values in recording.columns.items()}
+    for column, bad in bad_rows.items():
         if len(bad):
             if len(bad) == len(rows):
                 raise InputError(
@@ -272,11 +273,14 @@ def _cut_window(recording: RecordedSignals, window: Interval, joints: Sequence[J
                     "Is the right column named, and was it recorded? A joint whose torque was not can be fitted "
                     "around: write zeros in its place."
                 )
-            value = values[bad[0]]
-            fault = "empty or NaN" if np.isnan(value) else f"{value:.3g}"
+            value = recording.columns[column][bad[0]]
+            fault, remedy = f"{value:.3g}", ""
+            if np.isnan(value):
+                fault, remedy = "empty or NaN", ", or where rows have stamps by `gaps: split`"
+            count = len(set().union(*bad_rows.values()))
             raise InputError(
-                f"{source}: column {column!r} is {fault} at {recording.table.place(bad[0])} "
-                f"({len(bad)} such values in all). Correct these samples, or leave them out with a window."
+                f"{source}: column {column!r} is {fault} at {recording.table.place(bad[0])} ({count} such rows in all, "
+                f"of any column). Correct these samples, or leave them out by a window{remedy}."
             )
     return Log(t[part], recording.q[part], recording.tau[part], tuple(joint.name for joint in joints), name)
 

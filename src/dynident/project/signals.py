@@ -67,14 +67,12 @@ def has_torques(table: DataTable, config: Config, joints: Sequence[Joint]) -> bo
 def signals(table: DataTable, config: Config, joints: Sequence[Joint], *, measured: bool) -> RecordedSignals:
     """Return the channels of the joints; torques are zero where they are not ``measured``.
 
-    Incomplete rows at both ends, duplicate rows and, with ``close_stamps: drop``, rows right after the previous one are
-    dropped, with a note of the table. Raises ConfigError where the transmission is singular, InputError where a column
-    is missing or a time is wrong.
+    Incomplete rows at both ends (with ``gaps: split`` all), duplicate rows and, with ``close_stamps: drop``, rows right
+    after the previous one are dropped, with a note of the table. Raises ConfigError where the transmission is singular,
+    InputError where a column is missing or a time is wrong.
     """
     # incomplete and repeated rows go first, since they would count as close ones
-    table = _drop_unusable_rows(
-        table, _used_columns(table, config, joints, measured=measured), config.time.column is not None
-    )
+    table = _drop_unusable_rows(table, _used_columns(table, config, joints, measured=measured), config)
     table = _drop_close_rows(table, config)
     used = _used_columns(table, config, joints, measured=measured)
     rows = len(next(iter(used.values())))
@@ -133,19 +131,19 @@ def _used_columns(table: DataTable, config: Config, joints: Sequence[Joint], *, 
     return columns
 
 
-def _drop_unusable_rows(table: DataTable, used_columns: Mapping[str, Array], stamped: bool) -> DataTable:
-    """Drop incomplete rows at the start and the end, and rows written twice."""
-    columns = list(used_columns.values())
-    complete_rows = np.flatnonzero(~np.logical_or.reduce([np.isnan(column) for column in columns]))
-    if not len(complete_rows):
+def _drop_unusable_rows(table: DataTable, used_columns: Mapping[str, Array], config: Config) -> DataTable:
+    """Drop incomplete rows at the start and the end, where gaps may be split all of them, and rows written twice."""
+    columns, stamped = list(used_columns.values()), config.time.column is not None
+    keep = ~np.logical_or.reduce([np.isnan(column) for column in columns])
+    if not keep.any():
         return table
-    first_row, last_row, rows = int(complete_rows[0]), int(complete_rows[-1]), len(columns[0])
-    if last_row - first_row + 1 < rows:
-        is_inside = np.zeros(rows, dtype=bool)
-        is_inside[first_row : last_row + 1] = True
-        lost = rows - is_inside.sum()
-        table = table.select_rows(is_inside, f"{lost} rows at the ends, where columns are empty or NaN, are left out.")
-        columns = [column[is_inside] for column in columns]
+    place = "" if stamped and config.gaps == "split" else " at the ends"
+    if place:
+        complete_rows = np.flatnonzero(keep)
+        keep[complete_rows[0] : complete_rows[-1] + 1] = True
+    if not keep.all():
+        table = table.select_rows(keep, f"{(~keep).sum()} rows{place}, where columns are empty or NaN, are left out.")
+        columns = [column[keep] for column in columns]
     # a row repeats the previous one only where all of its columns do
     is_new = np.zeros(len(columns[0]), dtype=bool)
     is_new[0] = True

@@ -201,7 +201,16 @@ def test_stamps_that_increase_are_preferred():
     assert found.time.column == "clock"
     assert map_columns(table(time=None, **signals()), NUMBERED).time.column is None
     for times in (np.floor(T), np.full(len(T), np.inf), np.where(T > 1, np.nan, T)):
-        assert "do not increase" in map_columns(table(time=times, **signals()), NUMBERED).time.question
+        assert "is there a better column?" in map_columns(table(time=times, **signals()), NUMBERED).time.question
+
+
+def test_rows_of_single_joints_are_named():
+    """The long format: one row for each joint and time."""
+    columns = {name: np.repeat(wave(1.0), 2) for name in ("position", "effort")}
+    found = map_columns(table(time=np.repeat(T, 2), **columns), NUMBERED)
+    assert "If each row is of another joint" in found.time.question
+    assert "median step" not in found.time.question
+    assert not found.gaps
 
 
 FINGER = MovableJoint("finger", "prismatic", RobotJointLimits(lower=0.01, upper=0.04))

@@ -309,6 +309,17 @@ def record_currents(folder: Path, name: str, phase: float) -> Path:
     return folder / name
 
 
+def test_what_concerns_all_joints_is_asked_once_beside_what_concerns_a_single_joint(tmp_path: Path) -> None:
+    """A column of order 0 and 1, of which one hardly moves."""
+    positions = {"q_0": np.cos(2 * T), "q_1": 0.009 * np.sin(3 * T)}
+    named = {name: None for name in SOUND if "." in name}
+    log = write(tmp_path / "a.csv", **named, **positions, tau_0=20 * np.cos(2 * T), tau_1=9 * np.sin(3 * T))
+    (tmp_path / "arm.urdf").write_text(ARM)
+    output = succeed("init", tmp_path / "arm.urdf", log, "-o", tmp_path / "c.yaml").output
+    assert output.count("is this order right?") == 2
+    assert "position.elbow: the joint moves by only 0.018" in output
+
+
 @pytest.mark.parametrize("mass", [1.0, 2.0])
 def test_gains_are_proposed_with_a_question(tmp_path: Path, mass: float) -> None:
     """The assumption is what it says: gains go with the masses."""

@@ -38,7 +38,7 @@ _MAX_LIMIT_RATIO, _MIN_EFFORT_RATIO = 1.5, 0.02  # times the effort limit: torqu
 
 @dataclass(frozen=True)
 class ChannelProposal:
-    """A proposed channel of a joint: its column (None: not found), its unit, and a question to confirm.
+    """A proposed channel of a joint: its column (None: not found), its unit, and the questions to confirm.
 
     ``gain`` says what the gain means where the column is not a torque yet; ``factor`` is an estimate of it and
     its standard error, where the motion shows it. ``wraps`` is the turn after which a position starts anew, in
@@ -47,10 +47,15 @@ class ChannelProposal:
 
     column: str | None
     unit: str
-    question: str = ""
+    questions: tuple[str, ...] = ()
     gain: str = ""
     factor: tuple[float, float] | None = None
     wraps: float | None = None
+
+    @property
+    def question(self) -> str:
+        """All questions in one text."""
+        return "; ".join(self.questions)
 
     @property
     def needs_gain(self) -> bool:
@@ -244,12 +249,12 @@ def _position_channel(joint: MovableJoint, q: Array, match: Match, degrees: str)
             )
         if joint.kind == "prismatic" and doubt and len(q) and _is_within_reach(joint, q, unit_factors["mm"]):
             unit = "mm"  # as the question supposes
-    return ChannelProposal(column, unit, _join_questions(match.question, doubt))
+    return ChannelProposal(column, unit, _nonempty(match.question, doubt))
 
 
-def _join_questions(*questions: str) -> str:
-    """Join the questions that are not empty."""
-    return "; ".join(filter(None, questions))
+def _nonempty(*texts: str) -> tuple[str, ...]:
+    """Return the texts that are not empty."""
+    return tuple(filter(None, texts))
 
 
 def _is_within_reach(joint: MovableJoint, q: Array, factor: float) -> bool:
@@ -318,7 +323,9 @@ def _current_channel(joint: MovableJoint, match: Match) -> ChannelProposal:
     """Return the torque channel of a joint from its motor current, with the meaning of its gain."""
     column, unit = match.columns[joint.name], _si_unit(joint, TORQUES)
     current_unit = match.family.units.get(column, "A or mA")
-    return ChannelProposal(column, unit, match.question, f"torque constant times gear ratio, {unit} per {current_unit}")
+    return ChannelProposal(
+        column, unit, _nonempty(match.question), f"torque constant times gear ratio, {unit} per {current_unit}"
+    )
 
 
 def _torque_channel(
@@ -331,7 +338,7 @@ def _torque_channel(
     column, limit = match.columns[joint.name], joint.limits.effort
     unit, doubt = match.family.units.get(column, ""), ""
     if unit in UNITS[TORQUES[joint.kind]]:
-        return ChannelProposal(column, unit, match.question)
+        return ChannelProposal(column, unit, _nonempty(match.question))
     unit = _si_unit(joint, TORQUES)
     # a torque beyond its limit is likely in other units; a small one only if that holds for all joints
     if limit and peak / limit > _MAX_LIMIT_RATIO:
@@ -348,7 +355,7 @@ def _torque_channel(
         )
     elif largest_ratio is None and not ros:
         doubt = f"neither the names nor the robot file tell the unit: {unit}?"
-    return ChannelProposal(column, unit, _join_questions(match.question, doubt))
+    return ChannelProposal(column, unit, _nonempty(match.question, doubt))
 
 
 def _unit_reason(family: ColumnFamily, ros: bool) -> str:

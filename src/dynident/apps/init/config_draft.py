@@ -253,17 +253,16 @@ def _write_channels(page: _Page, section: str, signals: Mapping[str, ChannelProp
     reason = mapping.reasons.get(section, "")
     page.line("")
     page.line(f"{section}:  # {reason}" if reason else f"{section}:")
-    questions = {signal.question for signal in signals.values()}
-    # asked once, not joint by joint
-    common_question = questions.pop() if len(questions) == 1 and len(signals) > 1 else ""
-    if common_question:
-        page.ask(section, common_question)
+    # what is to be asked of all joints is asked once
+    common = set.intersection(*(set(signal.questions) for signal in signals.values())) if len(signals) > 1 else set()
+    if common:
+        page.ask(section, "; ".join(text for text in next(iter(signals.values())).questions if text in common))
     if any(signal.factor for signal in signals.values()):
         page.ask(section, _GAIN_QUESTION)
     _request_missing(page, section, signals)
     for name, channel in signals.items():
         complete = channel.column is not None and not channel.needs_gain
-        question = "" if common_question else channel.question
+        question = "; ".join(text for text in channel.questions if text not in common)
         if channel.factor:
             value, std = channel.factor
             question = f"{value:.4g} +- {std:.2g} from the robot file: {channel.gain}?"

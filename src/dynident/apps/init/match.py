@@ -29,6 +29,10 @@ _MIN_JUMP_TURNS, _MIN_SPAN_TURNS = 0.9, 0.97
 _MIN_STEP, _MAX_STEP = 5e-5, 0.3  # s: sampling steps that are taken for granted
 # samples, and deviation of the steps, of a column that is a clock without being called so
 _MIN_CLOCK_SAMPLES, _MAX_STEP_DEVIATION = 30, 0.1
+_LONG_FORMAT_QUESTION = (
+    "most rows have the time of the row before: is there a better column? If each row is of another joint, write one "
+    "row for each time instead, with a column for each joint and quantity"
+)
 _GAP_RATIO = 12  # times the median step, as in the reading of logs
 
 
@@ -268,15 +272,16 @@ def _find_stamps(
     name, unit = min(stamps, key=lambda stamp: not is_increasing(table.columns[stamp[0]]))
     column = finite_values(table.columns[name])
     steps = np.diff(column)  # equal ones are rows written twice, or reading says what to do with them
-    sound = len(column) == rows > 1 and bool((steps >= 0).all() and np.median(steps) > 0)
-    return name, unit, "" if sound else "the stamps do not increase everywhere: is there a better column?"
+    if len(column) < rows or rows < 2 or (steps < 0).any():
+        return name, unit, "the stamps do not increase everywhere: is there a better column?"
+    return name, unit, "" if np.median(steps) > 0 else _LONG_FORMAT_QUESTION
 
 
 def _unit_from_step(name: str, column: Array, question: str) -> TimeColumn:
     """Return the time column with the unit that follows from its median step."""
     step = _median_step(column)
     # a step that is usual in seconds is taken as such; other units are asked about
-    if _MIN_STEP <= step <= _MAX_STEP:
+    if _MIN_STEP <= step <= _MAX_STEP or step == 0:
         return TimeColumn(name, "s", step, question)
     if _is_counter(column):
         unit_question = "it counts by one: ms, or samples (then `time: { rate: ... }`)?"
@@ -337,7 +342,7 @@ def has_gaps(table: DataTable, time: TimeColumn) -> bool:
     if time.column is None:
         return False
     column = table.columns[time.column]
-    return bool((np.diff(finite_values(column)) > _GAP_RATIO * _median_step(column)).any())
+    return bool(0 < _median_step(column) * _GAP_RATIO < np.diff(finite_values(column)).max(initial=0.0))
 
 
 def read_joints(robot: str) -> list[MovableJoint]:

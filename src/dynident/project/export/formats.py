@@ -28,8 +28,8 @@ FRAME = (
 )
 
 SHAPE_TAGS = (
-    "actuator", "asset", "camera", "contact", "custom", "deformable", "equality", "extension", "geom", "keyframe",
-    "light", "sensor", "site", "skin", "tendon", "visual",
+    "actuator", "asset", "camera", "collision", "contact", "custom", "deformable", "equality", "extension", "geom",
+    "keyframe", "light", "material", "sensor", "site", "skin", "tendon", "visual",
 )  # fmt: skip
 
 
@@ -94,7 +94,7 @@ class PinocchioArm:
             # its parser would say this to the terminal, too
             if joint.attributes.get("type") in ("revolute", "prismatic") and joint.find("limit") is None:
                 raise ValueError(f"the joint {joint.attributes.get('name')!r} has no <limit>")
-        model = pin.buildModelFromXML(declare_root(text, bodies.file.root))
+        model = pin.buildModelFromXML(declare_root(_remove_shapes(text), bodies.file.root))
         model.gravity = pin.Motion(np.array(bodies.gravity), np.zeros(3))
         return cls(model, bodies)
 
@@ -205,7 +205,7 @@ def _with_actuators(reader: Reader) -> Reader:
 
 
 def _remove_shapes(text: str) -> str:
-    """Return an MJCF without shapes and references to them, as their files may be missing."""
+    """Return a robot file without shapes and what belongs to them: their files may be missing, and parsers complain."""
     edited = XmlText(text)
     todo = list(edited.root.children)
     while todo:

@@ -59,12 +59,12 @@ def test_every_example_is_listed() -> None:
 def test_the_notebook_runs_and_its_configuration_does_as_its_first_lines_say(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In a copy of the clone, without a warning: one test, as it takes long. The smoother is the one that the data
-    choose (``test_tutorial``), which takes as long again."""
+    """In a copy of the clone, without a warning: one test, as it takes long. Smoother and time offset are those that
+    the data choose (``test_tutorial``), which takes as long again."""
     folder = tmp_path / "examples"
     folder.mkdir()
     text = (EXAMPLES / "arm.yaml").read_text(encoding="utf-8")
-    (folder / "arm.yaml").write_text(f"{text}\nsmoother: {{ kind: spline }}\n", encoding="utf-8")
+    (folder / "arm.yaml").write_text(f"{text}\nsmoother: {{ kind: spline }}\ntime_offset: -0.003\n", encoding="utf-8")
     (tmp_path / "src").symlink_to(ROOT / "src")
     for name in ("JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR", "IPYTHONDIR"):
         monkeypatch.setenv(name, str(tmp_path / "jupyter"))

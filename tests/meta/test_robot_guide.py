@@ -46,7 +46,7 @@ def truth(model: Model) -> list[float]:
 
 def write_recording(path: Path, model: Model, rate: float, rng: np.random.Generator) -> None:
     """Sums of sines in the columns and units that the pages declare, with noise of 2e-5 rad and 0.02 N m."""
-    t = np.arange(3000) * 0.005
+    t = np.arange(2000) * 0.005
     w, amplitude = rate * np.array([[1.0, 2.3, 3.7], [1.3, 2.9, 4.1]]), np.array([[0.8, 0.4, 0.2], [0.9, 0.4, 0.3]])
     angle = w * t[:, None, None]
     q, dq = (amplitude * np.sin(angle)).sum(axis=2), (amplitude * w * np.cos(angle)).sum(axis=2)

@@ -78,6 +78,10 @@ def test_what_the_other_does_not_determine_is_left_out() -> None:
     assert {one.name for one in found.base} == {"h1 + 0.1*m2", "f"}
     assert found.alone == ("m1 + 0.4*m2",)
     assert found.freedom == 2
+    units = np.array([1.0, 1.0, 1e-9, 1.0])  # of m2, in ng: its share in m1 + 0.4*m2 is as large as before
+    without = np.where(np.arange(12).reshape(3, 4) == 2, 0.0, BASE)
+    pair = (result(FIRST.value, combination=rows * units, scale=FIRST.scale * units) for rows in (BASE, without))
+    assert compare_results(*pair).alone == ("m1 + 0.4*m2",)
     strange = result([1.0, 2.0, 0.5, 0.3], names=("w", "x", "y", "z"))
     nothing = compare_results(FIRST, strange)
     assert (nothing.base, nothing.comparable, nothing.p_value, nothing.differs) == ((), False, None, False)
@@ -133,7 +137,8 @@ def test_worse_is_a_larger_error_on_the_same_held_out_recording() -> None:
     other = beside(log(9.0, recording="z"))
     assert (other.logs[0].is_same_recording, other.compared_logs, other.worse) == (False, (), False)
     assert beside(log(9.0, recording="")).worse  # as far as is known, it is the same
-    assert beside(log(2.0), log(1.0, "monday", "train", "y")).shared_training == ("monday",)
+    others = (log(1.0, "friday", "train", "z"), log(1.0, "later", "validation", "y"))
+    assert beside(log(2.0), log(1.0, "monday", "train", "y"), *others).shared_training == ("monday",)
     assert beside(log(2.0, "wednesday")).logs == ()
 
 

@@ -55,6 +55,18 @@ def test_without_a_better_motion_it_gives_the_one_it_began_with(monkeypatch):
     np.testing.assert_array_equal(polish_motion(TIGHT_TORQUE, x, 2)[0], x)
 
 
+def test_the_curvature_follows_the_gradient_and_stays_positive():
+    B, change = np.diag([2.0, 3.0]), np.array([1.0, -0.5])
+    for bend in (np.array([3.0, 1.0]), np.array([0.3, 0.6]), np.array([-4.0, 1.0])):  # convex, nearly flat, concave
+        curved = polish._update_curvature(B, change, bend)
+        expected = B @ change
+        low = 0.2 * change @ expected  # Powell: no smaller curvature along a change than this share of the last
+        assert change @ curved @ change == pytest.approx(max(change @ bend, low))
+        assert np.linalg.eigvalsh(curved).min() > 0
+        if change @ bend > low:
+            np.testing.assert_allclose(curved @ change, bend)
+
+
 def test_the_slopes_of_the_constraints_are_theirs():
     rng = np.random.default_rng(1)
     x = random_motion(TIGHT_TORQUE, rng)

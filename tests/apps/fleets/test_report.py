@@ -25,6 +25,7 @@ from dynident.apps.fleets.figures import MAX_POINTS, MAX_SMALL_POINTS
 from dynident.apps.fleets.report import fleet_findings, fleet_page, fleet_tables
 from dynident.models import Joint
 from dynident.regression import GroupKind
+from dynident.report.figures import BLUE
 from dynident.report.page import plotly_packed
 from dynident.runtime.jobs import Status
 from tests.kept import check_kept
@@ -51,8 +52,11 @@ def test_plotly_accepts_all_properties_and_names_are_escaped(draw):
 
 
 def test_robots_side_by_side_stand_apart_and_share_the_range_of_all():
-    robots = [replace(course(), robot=f"arm {k}", value=course().value + k) for k in range(10)]
-    layout = robots_figure(robots, START).layout
+    robots = [replace(course(), robot=f"arm {k}", value=course().value + k, change_line=None) for k in range(10)]
+    robots[3] = replace(robots[3], marks=())
+    figure = robots_figure(robots, START)
+    assert {k for k, points in enumerate(figure.data) if points["marker"]["color"] == BLUE} == {3}  # did not change
+    layout = figure.layout
     places = {tuple(layout[f"{axis}axis{k or ''}"]["domain"][0] for axis in "xy") for k in (0, *range(2, 11))}
     assert len(places) == 10
     low, high = layout["yaxis"]["range"]

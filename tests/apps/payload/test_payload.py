@@ -23,7 +23,7 @@ from dynident.apps.payload import (
     PayloadRequest,
     find_payload,
 )
-from dynident.apps.payload.body import physical_components
+from dynident.apps.payload.body import physical_components, physical_jacobian
 from dynident.identification import identify
 from dynident.models import smallest_eigenvalue
 from dynident.models.friction import LoadCoulomb
@@ -265,6 +265,9 @@ def test_no_payload_is_said() -> None:
     assert [type(note) for note in one.notes] == [NoPayload]
     assert not one.is_significant
     assert one.body.mass < 0.05
+    J = physical_jacobian(one.value)  # the shift to a body that can be counts as an error
+    shift = one.body.values - physical_components(one.free)
+    np.testing.assert_allclose(one.body.std**2, np.diag(J @ one.covariance @ J.T) + shift**2)
     assert smallest_eigenvalue(one.value) > 0
 
 

@@ -85,11 +85,10 @@ def noisy(log: ServoLog) -> ServoLog:
     "record",
     [
         lambda: recording(1),
-        lambda: recording(2),
         lambda: noisy(recording(3)),
         lambda: slack_recording(1, 1, output=False, stiffness=15.0),
     ],
-    ids=["right", "another", "noise", "a spring behind a motor"],
+    ids=["right", "noise", "a spring behind a motor"],
 )
 def test_of_other_arms_no_gap_is_said(record: Callable[[], ServoLog]) -> None:
     assert gaps_of(record()) == ()

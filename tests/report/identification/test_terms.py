@@ -100,6 +100,8 @@ def test_too_few_samples_leave_no_section(chosen):
 def test_comments_name_the_gains_and_the_errors(chosen):
     said = choice_comments(chosen, "robot.yaml")
     assert "robot.yaml" in said[""][0]
+    assert said.keys() == {"", "model.terms", "rests"}  # no more than was chosen
+    assert chosen.recipe.rests == "trim"
     joint = chosen.model.joints[0].name
     assert (
         f"{joint}: offset, viscous, coulomb (width 0.0100, gain 90.0 +- 16); error 8.00 -> 5.00 %"

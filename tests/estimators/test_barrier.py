@@ -30,19 +30,6 @@ def test_derivatives(rng: np.random.Generator) -> None:
         np.testing.assert_allclose((up - down) / 2e-5, hessian[k], rtol=1e-5, atol=1e-8)
 
 
-def test_steps_end_at_the_minimum_inside(rng: np.random.Generator) -> None:
-    """From near the boundary, pulled far beyond it: the gradient along the directions vanishes."""
-    rows = np.eye(4)[:, None, None, :]
-    barrier = Barrier(tuple(PsdConstraint(row[None]) for row in rows), 1e-3)
-    half, theta = rng.standard_normal((6, 4)), np.array([1e-7, 1.0, 1e-3, 2.0])
-    H, g = half.T @ half, 100 * rng.standard_normal(4)
-    ways = np.eye(4)[:, :3]
-    step = ways @ barrier.restrict(theta, ways).minimum(ways.T @ H @ ways, ways.T @ g, 1e-12)
-    assert barrier.is_inside(theta + step)
-    left = (g - H @ step - barrier.derivatives(theta + step)[0])[:3] * (theta + step)[:3]
-    np.testing.assert_allclose(left, 0.0, atol=1e-5)
-
-
 def random_demand(rng: np.random.Generator) -> PsdConstraint:
     """Return a demand on three matrices (2, 2) of four numbers, met at (9, 0, 0, 0)."""
     half = rng.standard_normal((3, 2, 2, 4))
@@ -71,19 +58,6 @@ def test_outside_it_is_infinite_and_has_no_slopes(rng: np.random.Generator) -> N
     assert barrier.value(outside) == np.inf
     with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
         barrier.derivatives(outside)
-
-
-def test_several_barriers_are_settled_together(rng: np.random.Generator) -> None:
-    """One is part of the objective, the other keeps inside: where the method ends, all slopes cancel."""
-    kept, edge = Barrier((random_demand(rng),), 1.0), Barrier((PsdConstraint(np.eye(4)[3].reshape(1, 1, 1, 4)),))
-    origin, g = np.array([9.0, 0.1, 0.1, 1.0]), np.array([0.0, 1.0, -1.0, -30.0])
-    near = [one.restrict(origin, np.eye(4)) for one in (kept, edge)]
-    task = PenalisedQuadratic(np.eye(4), g, ((near[0], 1.0), (near[1], 1e-2)))
-    d, fall = task.minimise(np.zeros(4), 1e-12)
-    assert fall < 1e-12
-    slope = d - g + kept.derivatives(origin + d)[0] + edge.derivatives(origin + d, 1e-2)[0]
-    np.testing.assert_allclose(slope, 0.0, atol=1e-6)
-    assert 0 < (origin + d)[3] < 1e-2
 
 
 def test_what_acts_on_a_matrix_with_a_centre_is_bound_and_all_else_is_not() -> None:

@@ -7,14 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.estimators import (
-    BodyConstraint,
-    Constraints,
-    PsdConstraint,
-    centre_of_mass_limit,
-    interval_limit,
-    total_mass_limit,
-)
+from dynident.estimators import BodyConstraint, Constraints, centre_of_mass_limit, interval_limit
 from dynident.estimators.cone import minimise, nearest_feasible
 from dynident.models import Parameter
 from dynident.runtime import ConfigError, ModelError
@@ -23,13 +16,6 @@ XYZ = tuple(Parameter(name, "") for name in "xyz")
 HESSIAN = np.array([[2.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 4.0]])
 COST = np.array([-1.0, -2.0, 8.0])
 ZERO, WHOLE = np.zeros(3), np.eye(3)
-
-
-def test_without_constraints_the_gradient_is_zero() -> None:
-    found = minimise(HESSIAN, COST, Constraints(), ZERO, WHOLE)
-    np.testing.assert_allclose(found.point, np.linalg.solve(HESSIAN, -COST), atol=1e-7)
-    assert found.is_optimal
-    assert max(found.stationarity, found.gap) < 1e-7
 
 
 def test_limits_hold_where_they_act_and_only_there() -> None:
@@ -60,15 +46,6 @@ def test_constraints_that_contradict_each_other_are_named_and_no_others() -> Non
         minimise(HESSIAN, COST, Constraints(limits), ZERO, WHOLE)
 
 
-def test_a_matrix_must_stay_positive() -> None:
-    """[[x, 1], [1, y]] with the least x + y is [[1, 1], [1, 1]]."""
-    slopes = np.zeros((1, 2, 2, 3))
-    slopes[0, 0, 0, 0] = slopes[0, 1, 1, 1] = 1.0
-    held = PsdConstraint(slopes, offset=np.array([[[0.0, 1.0], [1.0, 0.0]]]))
-    found = minimise(np.diag([0.0, 0.0, 1.0]), np.array([1.0, 1.0, 0.0]), Constraints(matrices=(held,)), ZERO, WHOLE)
-    np.testing.assert_allclose(found.point, [1.0, 1.0, 0.0], atol=1e-4)
-
-
 def test_the_nearest_feasible_point_keeps_the_slack() -> None:
     """The eigenvalue that is negative is lifted to the slack, the others stay."""
     slopes = np.zeros((1, 2, 2, 3))
@@ -82,17 +59,6 @@ def test_the_nearest_feasible_point_keeps_the_slack() -> None:
 
 def body(name: str, first: int) -> BodyConstraint:
     return BodyConstraint(name, np.arange(first, first + 10), np.ones(4))
-
-
-def test_the_total_mass_is_that_of_all_bodies() -> None:
-    limit = total_mass_limit("total mass", (body("a", 0), body("b", 11)), 21, (2.0, 5.0))
-    masses = np.zeros(21)
-    masses[[0, 11]] = 1.5, 2.0
-    assert limit.rows.shape == (1, 21)
-    assert (limit.rows @ masses).tolist() == [3.5]
-    assert np.count_nonzero(limit.rows) == 2
-    assert (limit.lower.tolist(), limit.upper.tolist()) == ([2.0], [5.0])
-    assert limit.labels == ("the total mass >= 2 and the total mass <= 5",)
 
 
 def test_a_centre_of_mass_lies_in_its_box() -> None:

@@ -160,14 +160,6 @@ def test_paired_samples_are_added_once() -> None:
     assert (u[there[at] < 0] == 1.0).all()
 
 
-def test_of_a_recording_that_repeats_itself_the_later_pass_is_added_to_the_earlier() -> None:
-    partner = np.r_[np.arange(30) + 30, np.arange(30)]
-    one = np.arange(60), np.arange(60.0)[:, None]
-    _add_partner_scores(one, one, instruments(0, partner), instruments(0, partner))
-    np.testing.assert_array_equal(one[1][:30, 0], 2 * np.arange(30) + 30)
-    np.testing.assert_array_equal(one[1][30:], 0.0)
-
-
 STEP = 0.01
 T = STEP * np.arange(400)
 

@@ -18,14 +18,15 @@ from dynident.identification import Gain, base_tilt, dataset
 from dynident.identification.outliers import HeldOutOutliers
 from dynident.identification.prior_strength import PriorStrength
 from dynident.identification.terms import candidates
+from dynident.models.simulation import RunsAway
 from dynident.regression import GroupKind, UnexcitedParameters
+from dynident.validation import ResidualRipple
 from dynident.validation.residuals import SmoothedAway
 from tests.checks.test_sentences import NOTES as CHECK_NOTES
 from tests.estimators.test_settings import NOTES as ESTIMATOR_NOTES
 from tests.identification.test_sentences import CHOICES, REASONS, STEPS
 from tests.kept import check_kept
 from tests.sweeps import sweep
-from tests.validation.test_sentences import SENTENCES
 
 # what a note may say beside its sentence
 SAID = ("remedy", "figures", "forbidden", "severity", "removed", "topic", "advises")
@@ -52,6 +53,11 @@ OTHERS = (
     Interrupted(),
     GripperLeftOut({"left": 0.01, "right": 0.02}),
     LeftOut(("Dahl", "LoadCoulomb")),
+    UnexcitedParameters(("Fv_b", "Fc_b"), ("b",), still=("b",)),
+    UnexcitedParameters(("x",), ("a", "b")),
+    UnexcitedParameters(("x",), ("a", "b"), together=True),
+    ResidualRipple(26.04),
+    RunsAway(0.1234),
 )
 PART = (GroupKind.FRICTION, "a", 80.0)
 EVENTS = (
@@ -82,7 +88,7 @@ GROUPS = {
     "checks": CHECK_NOTES,
     "estimators": ESTIMATOR_NOTES,
     "identification": (*CHOICES, *REASONS, *STEPS),
-    "others": (*OTHERS, *(fact for fact, _ in SENTENCES)),
+    "others": OTHERS,
     "events": EVENTS,
 }
 

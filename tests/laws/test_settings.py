@@ -107,7 +107,7 @@ CAUSES = {
 
 
 @pytest.mark.parametrize(("where", "name", "value", "words"), CAUSES.values(), ids=CAUSES)
-def test_the_value_its_place_and_its_limits_are_named(folder, where, name, value, words):
+def test_the_value_its_place_and_its_limits_are_named_by_both_commands(folder, where, name, value, words):
     _, place, config = sections()[where]
     code, output, caught, seconds = tried(folder, changed(config, place, name, value), "identify")
     assert (code, caught) == (1, [])
@@ -115,11 +115,6 @@ def test_the_value_its_place_and_its_limits_are_named(folder, where, name, value
     assert output.startswith("Error: ")
     for word in words:
         assert word in output, output
-
-
-@pytest.mark.parametrize(("where", "name", "value", "words"), CAUSES.values(), ids=CAUSES)
-def test_check_says_the_same(folder, where, name, value, words):
-    _, place, config = sections()[where]
     code, output, caught, _ = tried(folder, changed(config, place, name, value), "check")
     assert (code, caught) == (1, [])
     assert "1 error" in output
@@ -127,7 +122,7 @@ def test_check_says_the_same(folder, where, name, value, words):
 
 
 def test_deep_settings_are_refused(folder):
-    for depth in (100, 100_000):
+    for depth in (100, 20_000):
         for deep in ("[" * depth + "]" * depth, "{a: " * depth + "1" + "}" * depth, "&a [*a]"):
             (folder / "c.yaml").write_text(as_yaml(base()) + f"filter: {deep}\n")
             done = run("identify", folder / "c.yaml")

@@ -21,7 +21,6 @@ from dynident.models import (
     random_states,
 )
 from dynident.models.friction import Coulomb, Viscous
-from dynident.models.lagrangian import two_link_arm
 from dynident.models.structure import select_independent
 from dynident.runtime import ModelError
 from tests.robots import joint, link, urdf
@@ -98,30 +97,12 @@ def test_the_entries_hold_the_whole_regressor(gravity: tuple[float, float, float
     np.testing.assert_allclose(recovered(model.structure, model, *states), Y, rtol=1e-12, atol=1e-12 * np.abs(Y).max())
 
 
-def test_of_a_body_at_most_seven_columns_are_needed() -> None:
-    columns = arm((0.3, -0.2, -9.8)).structure.columns
-    bodies = [int((one < 30).sum()) for one in columns]
-    assert all(count <= 7 * (3 - j) for j, count in enumerate(bodies))
-    assert [int((one >= 30).sum()) for one in columns] == [3, 6, 6]
-
-
 def test_one_structure_under_four_gravities_holds_under_any() -> None:
     structure = common_structure([arm(gravity) for gravity in ((0, 0, 0), (9.81, 0, 0), (0, 9.81, 0), (0, 0, 9.81))])
     model = arm((1.0, -2.0, 5.0))
     states = random_states(model.joints, np.random.default_rng(3), 20)
     Y = model.regressor(*states)
     np.testing.assert_allclose(recovered(structure, model, *states), Y, rtol=1e-12, atol=1e-12 * np.abs(Y).max())
-
-
-def test_nothing_is_assumed_of_a_term_that_says_nothing() -> None:
-    model = two_link_arm()
-    structure, count = model.structure, len(model.parameters)
-    kept = [len(one) for one in structure.columns]
-    silent = Model(model.terms[:1]).structure
-    assert [len(one) for one in silent.columns] == [len(model.terms[0].parameters)] * 2
-    assert sum(kept) <= 2 * count
-    states = random_states(model.joints, np.random.default_rng(0), 9)
-    np.testing.assert_array_equal(recovered(structure, model, *states), model.regressor(*states))
 
 
 @pytest.mark.parametrize("wrong", ["support", "entries"])
@@ -145,24 +126,6 @@ def test_columns_are_dependent_only_to_rounding(step: float, kept: int) -> None:
     b, K = select_independent(X)
     assert len(b) == kept
     np.testing.assert_allclose(X[:, b] @ K, X, atol=1e-13)
-
-
-def test_what_holds_in_half_of_the_states_only_is_not_used() -> None:
-    X = np.random.default_rng(1).normal(size=(200, 3))
-    X[::2, 2] = X[::2, 0]
-    b, K = select_independent(X)
-    assert b.tolist() == [0, 1, 2]
-    np.testing.assert_array_equal(K, np.eye(3))
-
-
-def test_columns_beside_a_model() -> None:
-    model = arm()
-    wide = model.structure.append_columns(2)
-    p = len(model.parameters)
-    assert [one[-2:].tolist() for one in wide.columns] == [[p, p + 1]] * 3
-    for one, map_ in zip(model.structure.maps, wide.maps, strict=True):
-        np.testing.assert_array_equal(map_[:-2, :p], one)
-        np.testing.assert_array_equal(map_[-2:], np.eye(p + 2)[p:])
 
 
 def test_chosen_columns_are_taken_where_they_have_support() -> None:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from dynident.models import Joint, Lagrangian, Model, Unknown
 from dynident.models.friction import Viscous
+from dynident.models.lagrangian import two_link_arm
 from dynident.models.robot_files import RobotJointLimits
 from dynident.motion.log import Motion
 from dynident.regression import ParallelFilter, Selection
@@ -172,3 +173,15 @@ def test_mass_is_looked_at_over_the_logs_and_within_the_limits() -> None:
     for model in (limited, Model((mass, Viscous(MODEL.joints)))):
         check_mass(model, [*theta, 1, 1], [still], rng)
     np.testing.assert_array_equal(drawn, [[[-0.5, -1], [0.5, 1]], [[-np.pi, -1], [np.pi, 1]]])
+
+
+def test_the_mass_matrix_says_where_it_is_weakest() -> None:
+    arm, q = two_link_arm(), np.stack([np.zeros(5), np.linspace(0.0, np.pi, 5)], axis=1)
+    assert arm.values is not None
+    good = str(arm.check_mass_matrix(q, arm.values))
+    assert good.startswith("The mass matrix is positive definite: smallest eigenvalue 0.00")
+    wrong = arm.values.copy()
+    wrong[2] = 0.02
+    bad = str(arm.check_mass_matrix(q, wrong))
+    assert "not positive definite: eigenvalue -0.0" in bad
+    assert "at q = (0, 3.142)" in bad

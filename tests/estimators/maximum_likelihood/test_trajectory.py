@@ -7,16 +7,7 @@ import pytest
 from scipy.interpolate import BSpline
 
 from dynident.estimators.maximum_likelihood import SplineTrajectory
-from dynident.estimators.maximum_likelihood.trajectory import (
-    DEGREE,
-    Arrow,
-    add_ahead,
-    add_rows,
-    band_of,
-    basis,
-    graded_breaks,
-    places,
-)
+from dynident.estimators.maximum_likelihood.trajectory import DEGREE, Arrow, basis, graded_breaks
 from dynident.runtime import ModelError
 
 
@@ -30,20 +21,6 @@ class TestTrajectory:
             whole[np.arange(50)[:, None], first[:, None] + np.arange(5)] = local[order]
             spline = BSpline(path.knots, np.eye(path.size), DEGREE)
             np.testing.assert_allclose(whole, spline.derivative(order)(t) if order else spline(t), atol=1e-10)
-
-    def test_acceleration_jumps_at_a_step_only(self, rng: np.random.Generator) -> None:
-        path = SplineTrajectory(np.array([0.0, 0.2, 0.5, 0.8, 1.0]), steps=(0.5,))
-        C = rng.standard_normal(path.size)
-
-        def value(t: float, order: int) -> float:
-            return float(
-                path.local(np.array([t]))[order, 0] @ C[path.first_coefficient[path.interval(np.array([t]))[0]] :][:5]
-            )
-
-        for order, jumps in ((0, False), (1, False), (2, True)):
-            gap = abs(value(0.5 + 1e-9, order) - value(0.5 - 1e-9, order))
-            assert (gap > 1e-3) == jumps
-        assert abs(value(0.2 + 1e-9, 2) - value(0.2 - 1e-9, 2)) < 1e-4
 
     def test_breaks_are_dense_after_a_step(self) -> None:
         breaks = graded_breaks((0.0, 10.0), [3.0], 0.01, 0.5, 1.3)
@@ -90,25 +67,6 @@ class TestArrow:
         np.testing.assert_allclose(arrow.lost_information, B.T @ inverse @ B, rtol=1e-10)
         for d in range(4):
             np.testing.assert_allclose(arrow.inverse[d, : 14 - d], np.diag(inverse, -d), rtol=1e-9, atol=1e-14)
-
-    @pytest.mark.parametrize("first", [[0, 2, 3], [0, 1, 2]])
-    def test_adds_up_overlapping_blocks(self, rng: np.random.Generator, first: list[int]) -> None:
-        """Blocks of three unknowns of two joints each, at places that do or do not follow each other."""
-        half = rng.standard_normal((3, 6, 6))
-        blocks, rows = half @ half.swapaxes(1, 2), rng.standard_normal((3, 6, 4))
-        full, side = np.zeros((12, 12)), np.zeros((12, 4))
-        for at, block, row in zip(first, blocks, rows, strict=True):
-            here = slice(2 * at, 2 * at + 6)
-            full[here, here] += block
-            side[here] += row
-        ahead, border, at = np.zeros((6, 2, 6)), np.zeros((6, 2, 4)), places(np.array(first), 3)
-        add_ahead(ahead, blocks.reshape(3, 3, 2, 6), at)
-        add_rows(border, rows.reshape(3, 3, 2, 4), at)
-        band = band_of(ahead)
-        for d in range(6):
-            np.testing.assert_allclose(band[d, : 12 - d], np.diag(full, -d), atol=1e-15)
-            assert not band[d, 12 - d :].any()
-        np.testing.assert_allclose(border.reshape(12, 4), side)
 
     def test_refuses_what_is_not_determined(self) -> None:
         with pytest.raises(ModelError, match="not determined"):

@@ -29,25 +29,6 @@ def design(t: np.ndarray, period: float, harmonics: int) -> np.ndarray:
     )
 
 
-def test_derivatives_are_exact() -> None:
-    t, w = np.linspace(0.0, 7.0, 3000), 2 * np.pi / 3.1
-    series = fit_series(t, (np.sin(w * t) + 0.3 * np.cos(4 * w * t))[:, None], 3.1, 5)
-    q, dq, ddq = series(t)[..., 0]
-    np.testing.assert_allclose(q, np.sin(w * t) + 0.3 * np.cos(4 * w * t), atol=1e-12)
-    np.testing.assert_allclose(dq, w * np.cos(w * t) - 1.2 * w * np.sin(4 * w * t), atol=1e-11)
-    np.testing.assert_allclose(ddq, -(w**2) * np.sin(w * t) - 4.8 * w**2 * np.cos(4 * w * t), atol=1e-10)
-
-
-def test_noise_is_amplified_as_known() -> None:
-    """Of a series of H harmonics over N samples, q has the variance sigma^2 (2 H + 1) / N, and ddq sigma^2 2 / N times
-    the sum of (k w)^4: the sums of squares of what it makes of each sample."""
-    w, H, N = 2 * np.pi / 2.0, 4, 400
-    t = np.arange(N) * 0.01
-    q, _, ddq = np.square(fit_series(t, np.eye(N), 2.0, H)(t)).sum(axis=2)
-    np.testing.assert_allclose(q, (2 * H + 1) / N, rtol=1e-9)
-    np.testing.assert_allclose(ddq, 2 / N * np.sum((np.arange(1, H + 1) * w) ** 4), rtol=1e-9)
-
-
 @pytest.mark.parametrize("rho", [0.0, 0.95])
 def test_the_noise_of_a_harmonic_is_found_between_them(rho: float) -> None:
     """The mean of |c_k|^2 over many series is that of the estimates, but for what a slope of the spectrum makes of

@@ -207,10 +207,10 @@ def test_stamps_that_increase_are_preferred():
 def test_rows_of_single_joints_are_named():
     """The long format: one row for each joint and time."""
     columns = {name: np.repeat(wave(1.0), 2) for name in ("position", "effort")}
-    found = map_columns(table(time=np.repeat(T, 2), **columns), NUMBERED)
-    assert "If each row is of another joint" in found.time.question
-    assert "median step" not in found.time.question
-    assert not found.gaps
+    mapping = map_columns(table(time=np.repeat(T, 2), **columns), NUMBERED)
+    assert "If each row is of another joint" in mapping.time.question
+    assert "median step" not in mapping.time.question
+    assert not mapping.gaps
 
 
 FINGER = MovableJoint("finger", "prismatic", RobotJointLimits(lower=0.01, upper=0.04))

@@ -89,6 +89,14 @@ def test_a_logger_may_write_joint_by_joint(kinds: tuple[str, ...]) -> None:
     assert all(f"'{column}'" in question for column in expected[0])
 
 
+def test_blocks_stay_blocks_where_another_order_is_hardly_smoother() -> None:
+    """A torque of gravity alone is smoother than the position of a faster joint."""
+    q = np.column_stack([np.sin(T), np.sin(1.3 * T)])
+    position, _ = match_by_shape(table(q, np.column_stack([9 * np.sin(q[:, 0]), 5 * np.sin(3 * q[:, 1])])), JOINTS[:2])
+    assert position is not None
+    assert list(position.columns.values()) == ["1", "2"]
+
+
 @pytest.mark.parametrize("names", [lambda k: f"c{k + 1}", lambda k: f"Spalte {k}"], ids=["c1", "Spalte"])
 def test_headers_that_say_nothing(names) -> None:
     whole = table(BLOCKS["q"], BLOCKS["dq"], BLOCKS["tau"])

@@ -25,6 +25,8 @@ MIN_SAMPLES, MAX_VALUE = 100, 1e100
 MIN_DERIVATIVE_CORRELATION = 0.9
 # correlation from which a block is another of the same quantity, as commanded beside measured
 MIN_TWIN_CORRELATION = 0.99
+# of the positions where columns are block by block: those that are joint by joint must be smoother by this factor
+MAX_ROUGHNESS_RATIO = 0.5
 MAX_SHARE_DIFFERENCE = 0.05  # of the share explained: a block that is explained as well within it is a rival
 MIN_EXPLAINED_SHARE = 0.3  # least share of a torque that the motion of its joint explains
 MIN_RIVAL_RATIO = 0.5  # of the largest share explained, from which a block is named as a rival
@@ -63,18 +65,21 @@ def match_by_shape(table: DataTable, joints: Sequence[MovableJoint]) -> tuple[Ma
     n = len(joints)
     if rows < MIN_SAMPLES or not n or len(names) < 2 * n:
         return None, None
-    columns = _complete_rows(np.column_stack([table.columns[name] for name in names])[:MAX_SAMPLES])
-    if len(columns) < MIN_SAMPLES:
+    X = _complete_rows(np.column_stack([table.columns[name] for name in names])[:MAX_SAMPLES])
+    if len(X) < MIN_SAMPLES:
         return None, None
     # at multiples of n where the columns make whole blocks, else anywhere
-    starts = range(0, len(names) - n + 1, n if len(names) % n == 0 else 1)
-    steps = (1, len(names) // n) if len(names) % n == 0 and n > 1 else (1,)
-    orders = {step: [k for first in range(step) for k in range(first, len(names), step)] for step in steps}
-    motions = {step: _find_motion(columns[:, order], starts, n, joints) for step, order in orders.items()}
-    step, motion = max(motions.items(), key=lambda entry: entry[1].merit)
+    step, starts = 1, range(0, len(names) - n + 1, n if len(names) % n == 0 else 1)
+    motion = _find_motion(X, starts, n, joints)
+    if len(names) % n == 0 and n > 1:
+        # the columns of each joint may be together: every second or third one is then a block
+        count = len(names) // n
+        order = [k for first in range(count) for k in range(first, len(names), count)]
+        other_motion = _find_motion(X[:, order], starts, n, joints)
+        if other_motion.roughness < MAX_ROUGHNESS_RATIO * motion.roughness:
+            step, motion, X, names = count, other_motion, X[:, order], [names[k] for k in order]
     if not motion.starts:
         return None, None
-    X, names = columns[:, orders[step]], [names[k] for k in orders[step]]
     blocks = {k: _ColumnBlock(k, tuple(names[k : k + n]), step) for k in starts}
     chain, position = motion.starts, blocks[motion.starts[0]]
     twins = [blocks[k] for k in _twin_blocks(X, chain[0], starts, n) if _is_separate(k, chain, n)]
@@ -154,17 +159,12 @@ class _MotionBlocks:
     """The ``starts`` of positions and, if present, velocities and accelerations, with the reason; none where there are
     no positions.
 
-    ``smoothness`` of the positions is compared between orders of the columns.
+    ``roughness`` of the positions compares orders of the columns; zero where their derivatives confirm them.
     """
 
     starts: Sequence[int] = ()
     reason: str = ""
-    smoothness: float = -np.inf
-
-    @property
-    def merit(self) -> tuple[bool, float]:
-        """The sort key: with derivatives first."""
-        return len(self.starts) > 1, self.smoothness
+    roughness: float = np.inf
 
 
 def _find_motion(X: Array, starts: Sequence[int], n: int, joints: Sequence[MovableJoint]) -> _MotionBlocks:
@@ -186,7 +186,7 @@ def _find_motion(X: Array, starts: Sequence[int], n: int, joints: Sequence[Movab
         ratios = {d: float(np.median(_block_diagonal(slope, b, d, moving, n))) / unit for d in third}
         accelerations = [d for d, ratio in ratios.items() if 1 / MAX_UNIT_RATIO < ratio < MAX_UNIT_RATIO]
         reason = f"their derivative is in the file, too (correlation {pairs[a, b]:.3f})"
-        return _MotionBlocks([a, b, *accelerations], reason, pairs[a, b])
+        return _MotionBlocks([a, b, *accelerations], reason, 0.0)
     # no derivative in the file: of the blocks within reach of the joints the smoothest is the position
     moving_starts = [k for k in starts if moving[k : k + n].any()]
     # in rad and m first, then in degrees and mm
@@ -194,9 +194,9 @@ def _find_motion(X: Array, starts: Sequence[int], n: int, joints: Sequence[Movab
     reachable = reachable or [k for k in moving_starts if _is_reachable(joints, X[:, k : k + n], degrees=True)]
     if not reachable:
         return _MotionBlocks()
-    smoothness = {k: -_roughness(X[:, k : k + n][:, moving[k : k + n]]) for k in reachable}
-    k = max(smoothness, key=lambda start: smoothness[start])
-    return _MotionBlocks([k], "they are the smoothest within the range of the joints", smoothness[k])
+    roughness = {k: _roughness(X[:, k : k + n][:, moving[k : k + n]]) for k in reachable}
+    k = min(roughness, key=lambda start: roughness[start])
+    return _MotionBlocks([k], "they are the smoothest within the range of the joints", roughness[k])
 
 
 def _is_reachable(joints: Sequence[MovableJoint], X: Array, *, degrees: bool = False) -> bool:

@@ -210,7 +210,7 @@ YAMLS = {
     "keys": laughs("? &aJ [*aI, *aI]\n: 1"),
     "merges": laughs("aJ: &aJ {<<: [*aI, *aI]}").replace("[x]", "{x: 1}"),
     "ring": "a: &a [*a]",
-    "flow": "[" * 20_000,
+    "flow": "[" * 100_000,
     "block": "\n".join(" " * k + "a:" for k in range(1300)),
     "many": "[" + "1," * (MAX_NODES + 1) + "]",
     "long": "a: " + "x" * 2_000_000,

@@ -122,7 +122,7 @@ def test_the_value_its_place_and_its_limits_are_named_by_both_commands(folder, w
 
 
 def test_deep_settings_are_refused(folder):
-    for depth in (100, 20_000):
+    for depth in (100, 100_000):
         for deep in ("[" * depth + "]" * depth, "{a: " * depth + "1" + "}" * depth, "&a [*a]"):
             (folder / "c.yaml").write_text(as_yaml(base()) + f"filter: {deep}\n")
             done = run("identify", folder / "c.yaml")

@@ -221,7 +221,7 @@ def test_a_saved_position_is_read_on_from_where_the_file_is_found(log: Path, fil
         log.write_bytes(b"other head\n")
         reads = [(b"other head\n", True, False)]
     with closing(FollowedFile(log, position)) as other:
-        assert other.found == (change != "another")
+        assert other.resumes == (change != "another")
         assert [other.read() for _ in reads] == reads
 
 

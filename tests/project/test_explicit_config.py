@@ -111,7 +111,7 @@ def test_nothing_in_it_is_left_to_choose(chosen: Identification, tmp_path: Path)
     assert config.model.base_tilt == "none" or isinstance(config.model.base_tilt, tuple)
     text = (tmp_path / "fixed.yaml").read_text(encoding="utf-8")
     assert "rule: torque" not in text
-    assert "épaule" in text
+    assert r"\xE9" not in text  # names stay readable
 
 
 def test_comments_say_why_and_end_with_their_line(chosen: Identification, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from dynident.checks.explain import delay_findings, explain_residual
 from dynident.checks.misfit import Misfit, fit_case, misfit
 from dynident.checks.missing import (
     TRIED_KINDS,
+    cost,
     faster_case,
     find_missing_effects,
     is_tried_effect,
@@ -91,6 +92,17 @@ def test_what_a_term_removes_is_what_the_fit_with_it_leaves_less(kind: TermKind)
     share = less / np.maximum(mean_square(without) - without.case.noise, less)
     assert removed == pytest.approx(dict(zip(MOVED.joints, share, strict=True)), rel=0.1)
     assert share.min() > 0.9
+
+
+def test_where_the_estimate_of_white_noise_holds_ripple_a_correction_removes_its_share_of_the_whole_residual() -> None:
+    given = case(model=arm(without="viscous"))
+    rippled = replace(given, tau=given.tau + np.sqrt(given.noise) * 30 * np.sin(np.arange(len(given.tau)))[:, None])
+    full = replace(case(), tau=rippled.tau)
+    before, after = misfit(replace(rippled, noise=2 * mean_square(misfit(rippled)))), misfit(full)
+    removed = cost(before, after).removed
+    share = 1 - mean_square(after) / mean_square(before)
+    assert removed == tuple((name, pytest.approx(x)) for name, x in zip(MOVED.joints, share, strict=True) if x > 0)
+    assert 0 < share.max() < 0.9
 
 
 @pytest.mark.parametrize(("size", "forbidden"), [(0.2, None), (5.1, Use.SIMULATION), (10.1, Use.CONTROL)])

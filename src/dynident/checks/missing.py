@@ -67,12 +67,12 @@ def cost(before: Misfit, after: Misfit) -> Cost:
     size = np.linalg.norm(right_torque, axis=0)
     joints = np.linalg.norm(change, axis=0) / np.where(size > 0, size, np.inf)
     relative_change = float(np.linalg.norm(change) / (np.linalg.norm(right_torque) or np.inf))
-    decrease = mean_square(before) - mean_square(after)
-    # what is no white noise, of which a logged joint leaves little: a share, as other motions leave more of it
-    power = np.maximum(mean_square(before) - before.case.noise, np.maximum(decrease, 1e-300))
-    removed = tuple(
-        (joint.name, float(x)) for joint, x in zip(before.case.model.joints, decrease / power, strict=True) if x > 0
-    )
+    remaining = mean_square(after)
+    decrease = mean_square(before) - remaining
+    # a share, as other motions leave more; noise in which more than what remains would be white is ripple, too
+    coloured = remaining - np.where(before.case.noise < remaining, before.case.noise, 0.0)
+    share = decrease / np.maximum(decrease + coloured, 1e-300)
+    removed = tuple((joint.name, float(x)) for joint, x in zip(before.case.model.joints, share, strict=True) if x > 0)
     return Cost(100.0 * relative_change, 100.0 * float(joints.max()), removed)
 
 

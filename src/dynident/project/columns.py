@@ -30,15 +30,15 @@ _UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower ca
         "kn": "kN",
         **{unit.replace(" ", ""): unit for unit in ("kgf m", "kgf cm", "lbf ft", "lbf in", "kgf", "lbf")},
     },
-    "current": {"a": "A", "amp": "A", "amps": "A", "ma": "mA"},
+    "current": {"a": "A", "amp": "A", "amps": "A", "ma": "mA", "%": "%"},
 }
 _UNIT_ROLES = {  # units that tell the role too
-    **dict.fromkeys(("deg", "rad", "°", "degrees", "grad", "mrad"), "position"),
+    **dict.fromkeys(("deg", "rad", "°", "degrees", "grad", "mrad", "mm", "um"), "position"),
     **dict.fromkeys(("nm", "mnm"), "torque"),
-    "ma": "current",
+    **dict.fromkeys(("ma", "%"), "current"),
 }
 _UNIT = re.compile(
-    r"[\[(]\s*(?P<bracket>[^\W\d][^\])\d]*|°)\s*[\])]|(?<=[\W_])(?P<tail>[^\W\d_]+|°)(?=[\W_]*\d*[\W_]*$)"
+    r"[\[(]\s*(?P<bracket>[^\W\d][^\])\d]*|[°%])\s*[\])]|(?<=[\W_])(?P<tail>[^\W\d_]+|[°%])(?=[\W_]*\d*[\W_]*$)"
 )
 _STATED = re.compile(r"\[\s*([^\]\d]+?)\s*\]|(%|percent)", re.IGNORECASE)
 _WORD_BREAK = re.compile(r"[\W_]+|(?<=[a-z])(?=[A-Z][a-z])|(?<=[^\W\d])(?=\d)|(?<=\d)(?=[^\W\d])")
@@ -220,7 +220,7 @@ def _unit_in_name(column: str) -> tuple[str, tuple[str, ...]]:
     if not matches:
         return "", ()
     text = matches[-1]["bracket"] or matches[-1]["tail"]
-    return re.sub(r"[\s*·.]", "", text).lower(), tokens(text)
+    return re.sub(r"[\s*·⋅.-]", "", text).lower(), tokens(text)
 
 
 def stated_unit(column: str, joints: Iterable[str]) -> str:

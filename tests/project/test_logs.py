@@ -172,6 +172,11 @@ BAD_DATA = {
         ),
     ),
     "time restarts": (recording(t=lambda k: k % 100), "", ("line 102 runs backwards", "the clock was set back there")),
+    "counter starts anew": (
+        recording(t=lambda k: (4294966500 + 10 * k) % 2**32),
+        "",
+        ("runs backwards from", "(1 such row); the counter of 32 bits starts anew: add 2^32 to the rows from there on"),
+    ),
     "since 1970": (
         recording(t=lambda k: f"{1714550000 + (5 - k if k in (2, 3) else k) / 100:.2f}"),
         "",

@@ -88,7 +88,9 @@ def _plausible_alternatives(
         # a change of the torques alone needs no new regressor: reuse the equations of the same motion and model
         changed = alternative.case
         alike = (
-            x for x in (last_equations, given_equations) if changed.q is x.case.q and changed.model is x.case.model
+            x
+            for x in (last_equations, given_equations)
+            if changed.q is x.case.q and changed.model is x.case.model and changed.extra is x.case.extra
         )
         if (equations := next(alike, None)) is None:
             equations = last_equations = _NormalEquations(changed)
@@ -122,7 +124,7 @@ class _NormalEquations(Noun):
     def _rows(self) -> Array:
         """The regressor (n, M, p) of each joint in the samples that count."""
         case = self.case
-        Y = case.model.regressor(**case.states) * case.keep[:, :, None]
+        Y = np.dstack([case.model.regressor(**case.states), *case.extra]) * case.keep[:, :, None]
         return np.ascontiguousarray(Y.swapaxes(0, 1))
 
     @cached_property
@@ -189,7 +191,10 @@ def _couple_motors(case: FitCase) -> Iterator[Alternative]:
             coupled_case = replace(case, q=q, dq=dq, ddq=ddq, dddq=dddq)
             note = partial(file_notes.MotorCoupled, names[j], names[j - 1], coefficient)
             yield Alternative(coupled_case, names[j], partial(note, AffectedColumns.POSITION))
-            both_case = replace(coupled_case, tau=case.tau @ gears)
+            # it has its inertia and friction, too, which act on both joints
+            of_motor = (case.ddq, case.dq, np.sign(case.dq))
+            columns = tuple(np.outer(x[:, j], gears[j]) for x in of_motor)
+            both_case = replace(coupled_case, tau=case.tau @ gears, extra=(*case.extra, *columns))
             yield Alternative(both_case, names[j], partial(note, AffectedColumns.BOTH))
 
 

@@ -368,7 +368,8 @@ class MotorCoupled(Note):
 
     def __str__(self) -> str:
         motor = f"{{ {self.joint}: 1, {self.partner}: {self.coefficient} }}"
-        advice = f"Set `transmission: {{ {self.joint}: {motor} }}`, with its gear ratios."
+        couplings = f"couplings: {{ {self.joint}_motor: {{ joints: {motor} }} }}"
+        advice = f"Set `transmission: {{ {self.joint}: {motor} }}`, with its gear ratios, and `{couplings}` in `model`."
         if self.channel is AffectedColumns.POSITION:
             advice = f"{'Subtract' if self.coefficient > 0 else 'Add'} the position of {self.partner} in the file."
         return (

@@ -167,6 +167,13 @@ def test_positions_beyond_two_pi_are_asked_about():
         assert (words in endless.question) if words else endless.question == "", size
 
 
+def test_what_starts_anew_after_360_is_in_degrees() -> None:
+    """Whatever the limits say: the joint at 350 degrees stands at -10."""
+    angles = (350.0 + wave(60.0, 2)) % 360.0
+    (angle,) = map_columns(table(q=angles, tau=wave(9.0)), NUMBERED[:1]).position.values()
+    assert (angle.unit, angle.wraps, angle.question) == ("deg", 360.0, "")
+
+
 def test_torques_are_compared_with_the_limits():
     unlimited = [MovableJoint(joint.name, "revolute") for joint in NUMBERED]
     cases = ((NUMBERED, 20.0, ""), (NUMBERED, 400.0, "exceeds the limit 50"), (NUMBERED, 0.1, "before the gear"),

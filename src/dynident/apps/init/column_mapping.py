@@ -31,6 +31,7 @@ from dynident.runtime.arrays import Array
 
 _LOCK_DECIMALS = 6  # digits of locked positions
 _MAX_LOCKED_MOTION = 1e-3  # rad or m: a locked joint that moves more raises a question
+FULL_TURN = 360.0  # degrees: what starts anew after it is in these
 _LIMIT_SLACK = 1.05  # on limits of position
 _MAX_LIMIT_RATIO, _MIN_EFFORT_RATIO = 1.5, 0.02  # times the effort limit: torques beyond are hardly joint torques
 
@@ -208,6 +209,8 @@ def _position_channels(
     turns = {joint.name: turn_size(values[joint.name], units.get(match.columns[joint.name], "")) for joint in joints
              if joint.kind == "revolute"}  # fmt: skip
     values = {name: unwrap(q, turns.get(name)) for name, q in values.items()}
+    in_degrees = {match.columns[name]: "deg" for name, turn in turns.items() if turn == FULL_TURN}
+    match = replace(match, family=replace(match.family, units={**in_degrees, **units}))
     revolute = [(joint, values[joint.name]) for joint in joints if joint.kind == "revolute"]
     degrees = "" if ros else _degrees_question(revolute)
     return {

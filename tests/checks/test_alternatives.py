@@ -108,6 +108,12 @@ def test_the_friction_of_a_motor_that_turns_with_two_joints_is_that_of_its_own_m
     assert "`couplings: { j3_motor: { joints: { j3: 1, j2: 1 } } }` in `model`" in str(finding.message)
 
 
+def test_a_joint_that_stands_tells_nothing_of_a_motor_that_turns_with_it() -> None:
+    still = replace(MOVED, q=np.where(np.arange(3) == 1, 0.7, MOVED.q))
+    notes = [alternative.note(2.0, 1.0) for alternative in _alternatives(case(still, samples=50))]
+    assert not any(isinstance(note, MotorCoupled) for note in notes)
+
+
 def test_gravity_that_is_another_whatever_the_inertias_of_the_file() -> None:
     gravity = (9.81, 0.0, 0.0)
     hung = Model((RigidBodies(text(), gravity=gravity), *arm().terms[1:]))

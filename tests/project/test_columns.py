@@ -42,6 +42,7 @@ NAMES = {  # role, joint, number, unit, rank
     "actual_TCP_force_0": ("torque", None, 0, None, -2),
     "J1_deg": ("position", None, 1, "deg", 0),
     "T2 [Nm]": ("torque", None, 2, "N m", 0),
+    "T2 [N·mm]": ("torque", None, 2, "N mm", 0),
     "i3": ("current", None, 3, None, 0),
     "time_ms": ("time", None, None, "ms", 0),
     "Time [s]": ("time", None, None, "s", 0),

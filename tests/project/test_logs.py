@@ -184,6 +184,7 @@ BAD_DATA = {
     ),
     "gap": (recording(t=lambda k: k * 0.01 + (k > 50)), "", ("a.csv (a): a gap of 1.01 s", "gaps: split")),
     "outside": (recording(), ", window: [5, 9]", ("window 5-9 s holds 0 samples", "from 0 to 1.99 s")),
+    "one row": ("t,q,tau\n0,1,2\n", "", ("holds 1 sample;",)),
     "too short": (recording(), ", window: [0, 0.1]", ("only 11 samples",)),
     "degrees": (recording(q=lambda k: 90 * np.sin(0.02 * k)), "", ("joint 'elbow'", "unit: deg", "multi_turn")),
 }

@@ -27,6 +27,7 @@ MAX_TIE_RATIO = 1.02  # times the least error: alternatives up to here fit as we
 NORMAL_EQUATIONS_SLACK = 1.05  # times an error: the normal equations have only half of the digits
 RIDGE_SHARE = 1e-13  # of their diagonal, so that they can be solved
 MAX_JOINTS_ALL_PAIRS = 24  # joints: of more, only neighbours are exchanged, as all pairs would take minutes
+MIN_COUPLED_MOTION = 1e-3  # rad: a joint that stands tells nothing of a motor that turns with it
 MIN_AXIS_SINE = 0.1  # sine of the angle between axes that count as different
 
 
@@ -181,8 +182,9 @@ def _turn_zeros(case: FitCase) -> Iterator[Alternative]:
 def _couple_motors(case: FitCase) -> Iterator[Alternative]:
     # a motor that turns with the joint before its own, as of a parallel linkage or a wrist with a differential
     names = [joint.name for joint in case.model.joints]
-    is_revolute = [joint.kind == "revolute" for joint in case.model.joints]
-    for j in (j for j in range(1, len(names)) if is_revolute[j - 1] and is_revolute[j]):
+    is_moving = np.ptp(case.q, axis=0) > MIN_COUPLED_MOTION
+    turns = [joint.kind == "revolute" and moves for joint, moves in zip(case.model.joints, is_moving, strict=True)]
+    for j in (j for j in range(1, len(names)) if turns[j - 1] and turns[j]):
         for coefficient in (1, -1):
             gears = np.eye(len(names))
             gears[j, j - 1] = coefficient

@@ -226,10 +226,10 @@ def _position_findings(facts: Excitation, limits: RobotJointLimits, joint: Joint
     if limits.lower is None or limits.upper is None or limits.lower >= limits.upper:
         return
     slack = RANGE_TOLERANCE * max(limits.upper - limits.lower, 1.0)
-    # a joint stands the same after whole turns: an encoder from 0 to 360 degrees has 350 for -10
+    # a joint stands the same after a whole turn: an encoder from 0 to 360 degrees has 350 for -10
     offset = (facts.lower + facts.upper - limits.lower - limits.upper) / 2
-    turns = 2 * math.pi * round(offset / (2 * math.pi)) if joint.kind == "revolute" else 0.0
-    if facts.lower - turns < limits.lower - slack or facts.upper - turns > limits.upper + slack:
+    turn = math.copysign(2 * math.pi, offset) if joint.kind == "revolute" and abs(offset) > math.pi else 0.0
+    if facts.lower - turn < limits.lower - slack or facts.upper - turn > limits.upper + slack:
         is_far = facts.upper - facts.lower > MAX_RANGE_RATIO * (limits.upper - limits.lower)
         note = motion_notes.PositionBeyondLimits(facts.lower, facts.upper, limits.lower, limits.upper, is_far)
         yield Finding(note, facts.joint)

@@ -24,6 +24,7 @@ _UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower ca
     "torque": {
         "nm": "N m",
         "mnm": "mN m",
+        "nmm": "N mm",
         "knm": "kN m",
         "ncm": "N cm",
         "n": "N",
@@ -34,7 +35,7 @@ _UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower ca
 }
 _UNIT_ROLES = {  # units that tell the role too
     **dict.fromkeys(("deg", "rad", "°", "degrees", "grad", "mrad", "mm", "um"), "position"),
-    **dict.fromkeys(("nm", "mnm"), "torque"),
+    **dict.fromkeys(("nm", "mnm", "nmm"), "torque"),
     **dict.fromkeys(("ma", "%"), "current"),
 }
 _UNIT = re.compile(

@@ -25,6 +25,7 @@ _STAMP = (
     r"(?P<h>[01]\d|2[0-3]):(?P<m>[0-5]\d)(:(?P<s>[0-5]\d|60)([.,](?P<f>\d+))?)?"
     r"\s*(?P<zone>Z|z|UTC|(?P<sign>[+-])(?P<zh>\d{2}):?(?P<zm>[0-5]\d)?)?$"
 )
+_TIME_OF_DAY = r"^\d{2}:\d{2}:\d{2}([.,]\d+)?$"
 
 T = TypeVar("T")
 _STDERR_LOCK = Lock()  # the descriptors belong to all threads
@@ -41,12 +42,12 @@ _MISSING = ("", "na", "n/a", "null", "none", "nan", "-nan")  # missing values, i
 
 
 def is_stamp(text: str) -> bool:
-    """Return whether a text is a date with a time of day."""
-    return re.match(_STAMP, text) is not None
+    """Return whether a text is a date with a time of day, or a time of day with its seconds."""
+    return re.match(_STAMP, text) is not None or re.match(_TIME_OF_DAY, text) is not None
 
 
 def parse_stamps(cells: pl.Series) -> Array | None:
-    """Return the seconds of texts such as ``2024-05-01T12:00:00.25+02:00``; None unless all are of this form.
+    """Return the seconds of texts such as ``2024-05-01T12:00:00.25+02:00`` or ``12:00:00``; None unless all are alike.
 
     Null becomes nan. The seconds may be missing or have fractions after a point or a comma, and the T may be a
     blank. Either all texts have a zone, or none has.
@@ -54,6 +55,9 @@ def parse_stamps(cells: pl.Series) -> Array | None:
     import polars as pl
 
     texts = cells.drop_nulls()
+    if texts.str.contains(_TIME_OF_DAY).all():
+        cells = "1970-01-01T" + cells
+        texts = cells.drop_nulls()
     if not len(texts) or not texts.str.contains(_STAMP).all():
         return None
     parts = cells.to_frame("x").select(pl.col("x").str.extract_groups(_STAMP)).unnest("x")

@@ -278,9 +278,9 @@ def _cut_window(recording: RecordedSignals, window: Interval, joints: Sequence[J
             fault, remedy = f"{value:.3g}", ""
             if np.isnan(value):
                 fault, remedy = "empty or NaN", ", or where rows have stamps by `gaps: split`"
-            bad_count = len(set().union(*bad_rows.values()))
+            bad_count = count(len(set().union(*bad_rows.values())), "such row")
             raise InputError(
-                f"{source}: column {column!r} is {fault} at {recording.table.place(bad[0])} ({bad_count} such rows in all, "
+                f"{source}: column {column!r} is {fault} at {recording.table.place(bad[0])} ({bad_count} in all, "
                 f"of any column). Correct these samples, or leave them out by a window{remedy}."
             )
     return Log(t[part], recording.q[part], recording.tau[part], tuple(joint.name for joint in joints), name)

@@ -45,6 +45,7 @@ NAMES = {  # role, joint, number, unit, rank
     "T2 [N·mm]": ("torque", None, 2, "N mm", 0),
     "i3": ("current", None, 3, None, 0),
     "time_ms": ("time", None, None, "ms", 0),
+    "Time (min)": ("time", None, None, "min", 0),
     "Time [s]": ("time", None, None, "s", 0),
     "t": ("time", None, None, None, 0),
     "ts": ("time", None, None, None, 0),

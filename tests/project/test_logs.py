@@ -159,6 +159,11 @@ BAD_DATA = {
     "unknown column": (recording().replace("q", "pos", 1), "", ("position.elbow: no column 'q'", "'pos'")),
     "text in a cell": (recording(q=lambda k: "1.2x" if k == 9 else k), "", ("column 'q' has '1.2x' at line 11",)),
     "empty cell": (recording(q=lambda k: "" if k == 9 else k / 99), "", ("column 'q' is empty or NaN at line 11",)),
+    "no common rows": (
+        recording(q=lambda k: "" if k % 2 else k / 99, tau=lambda k: k if k % 2 else ""),
+        "",
+        ("no row has values in all columns", "Interpolate the torques"),
+    ),
     "infinite": (recording(tau=lambda k: "-inf" if k > 8 else k), "", ("'tau' is -inf at line 11", "191 such")),
     "absurd": (recording(tau=lambda k: "1e300" if k == 3 else k), "", ("'tau' is 1e+300 at line 5",)),
     "no time": (recording(t=lambda k: "" if k == 4 else k), "", ("'t' has no valid time at line 6",)),

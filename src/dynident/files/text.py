@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 _STAMP = (
-    r"^(?P<date>\d{4}[-/]\d{2}[-/]\d{2})[Tt ]\s*"
+    r"^(?P<date>\d{4}[-/]\d{2}[-/]\d{2}|\d{2}\.\d{2}\.\d{4})[Tt ]\s*"
     r"(?P<h>[01]\d|2[0-3]):(?P<m>[0-5]\d)(:(?P<s>[0-5]\d|60)([.,](?P<f>\d+))?)?"
     r"\s*(?P<zone>Z|z|UTC|(?P<sign>[+-])(?P<zh>\d{2}):?(?P<zm>[0-5]\d)?)?$"
 )
@@ -65,6 +65,7 @@ def parse_stamps(cells: pl.Series) -> Array | None:
     if 0 < parts["zone"].null_count() - cells.null_count() < len(texts):
         return None
     date = parts["date"].str.replace_all("/", "-").str.to_date("%Y-%m-%d", strict=False)
+    date = date.fill_null(parts["date"].str.to_date("%d.%m.%Y", strict=False))
     # a day that does not exist, such as February 30
     if date.null_count() > cells.null_count():
         return None

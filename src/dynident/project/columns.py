@@ -14,6 +14,7 @@ _UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower ca
         **dict.fromkeys(("ms", "msec", "millis", "milliseconds"), "ms"),
         **dict.fromkeys(("us", "usec", "µs", "micros", "microseconds"), "us"),
         **dict.fromkeys(("ns", "nsec", "nanos", "nanosec", "nanoseconds"), "ns"),
+        **dict.fromkeys(("min", "mins", "minutes"), "min"),
     },
     "position": {
         **dict.fromkeys(("rad", "radian", "radians"), "rad"),

@@ -137,6 +137,11 @@ def _drop_unusable_rows(table: DataTable, used_columns: Mapping[str, Array], con
     columns, stamped = list(used_columns.values()), config.time.column is not None
     keep = ~np.logical_or.reduce([np.isnan(column) for column in columns])
     if not keep.any():
+        if all(np.isfinite(column).any() for column in columns):
+            raise InputError(
+                f"{table.source}: no row has values in all columns that are used: positions and torques have stamps of "
+                "their own. Interpolate the torques at the stamps of the positions, in one row for each."
+            )
         return table
     place = "" if stamped and config.gaps == "split" else " at the ends"
     if place:

@@ -84,7 +84,7 @@ class OddScale(Note):
     def __str__(self) -> str:
         return (
             f"the torque is {short(self.scale)} times that of the robot file's inertias. Is a gear ratio, a torque "
-            f"constant or a unit missing in `gain`? It should be in {self.unit}."
+            f"constant or a unit missing in `gain`, or is `gravity` not in m/s^2? The torque should be in {self.unit}."
         )
 
 

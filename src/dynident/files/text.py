@@ -46,6 +46,13 @@ def is_stamp(text: str) -> bool:
     return re.match(_STAMP, text) is not None or re.match(_TIME_OF_DAY, text) is not None
 
 
+def iso_stamp(text: str) -> str:
+    """Return a stamp as ISO 8601 has it: a time of day on the first day of 1970, a date with points turned round."""
+    if re.match(_TIME_OF_DAY, text):
+        return f"1970-01-01T{text}"
+    return re.sub(r"^(\d{2})\.(\d{2})\.(\d{4})", r"\3-\2-\1", text)
+
+
 def parse_stamps(cells: pl.Series) -> Array | None:
     """Return the seconds of texts such as ``2024-05-01T12:00:00.25+02:00`` or ``12:00:00``; None unless all are alike.
 

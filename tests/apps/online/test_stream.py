@@ -160,6 +160,12 @@ def test_dates_count_from_the_first_midnight(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.t, [86_399.5, 86_399.75, 86_400.0])
 
 
+@pytest.mark.parametrize("day", ["", "22.11.2026 ", "2026-11-22 "])
+def test_stamps_are_those_of_logs(tmp_path: Path, day: str) -> None:
+    found = reader(tmp_path).push([HEAD, *(f"{day}23:59:{s},1,1,1,1," for s in ("59.5", "59.75"))])
+    np.testing.assert_allclose(found.t, [86_399.5, 86_399.75])
+
+
 def test_a_saved_reader_goes_on(tmp_path: Path) -> None:
     one, other = reader(tmp_path), reader(tmp_path)
     one.push([HEAD, ROWS[0]])

@@ -25,7 +25,7 @@ from dynident.apps.online.detector import BadLines
 from dynident.apps.online.watcher import MAX_TIME
 from dynident.files.opener import file_status, open_input
 from dynident.files.tables import DataTable
-from dynident.files.text import first_row, row_cells, unit_row
+from dynident.files.text import first_row, iso_stamp, row_cells, unit_row
 from dynident.models import Joint
 from dynident.project.fields import Channel, unit_factor
 from dynident.project.settings import Config, check_joints
@@ -321,7 +321,7 @@ class SampleReader:
     def _parse_time(self, cell: Any) -> float:
         t = self._factor * _parse_number(cell)
         if math.isnan(t) and isinstance(cell, str):
-            date = datetime.fromisoformat(cell.strip())  # ValueError where it is none
+            date = datetime.fromisoformat(iso_stamp(cell.strip()))  # ValueError where it is none
             stamp = (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
             # counted from the first midnight, as float64 is too coarse for seconds since 1970
             if math.isnan(self.zero):

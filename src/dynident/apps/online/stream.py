@@ -265,8 +265,8 @@ class SampleReader:
             raise ValueError("too long")
         if text.lstrip().startswith("{"):
             return self._row_values(self._parse_object(text))
-        # only the last comment is kept: it may hold the column names
-        if text.lstrip().startswith(COMMENT_MARKS):
+        # only the last comment or title is kept: it may hold the column names
+        if text.lstrip().startswith(COMMENT_MARKS) or self._is_title(text):
             self.comments = [text]
             return None
         if self.fresh:
@@ -283,6 +283,13 @@ class SampleReader:
         if len(cells) != len(self.names):
             raise ValueError("another number of cells")
         return self._row_values(dict(zip(self.names, cells, strict=True)))
+
+    def _is_title(self, text: str) -> bool:
+        """Return whether a line stands above the names of the columns: words, fewer than are needed."""
+        if not self.fresh or self.names:
+            return False
+        names, is_header, _ = first_row(text, self.comments)
+        return is_header and len(names) < len(self.needed)
 
     def _take_header(self, text: str) -> bool:
         """Take the column names from the first line; return whether the line holds nothing else."""

@@ -120,6 +120,13 @@ def test_a_joint_without_position_is_not_in_the_log_and_its_torque_is_not_used()
     assert (list(draft.lock), draft.unused) == (["X"], ("X_Moment_%",))
 
 
+def test_lengths_are_no_positions_of_turning_joints() -> None:
+    gaps = {f"gap{k}_mm": wave(9.0, k) for k in (1, 2)}
+    mapping = map_columns(table(**gaps, **signals()), NUMBERED)
+    assert chosen(mapping) == ["q1", "q2", "tau1", "tau2"]
+    assert not any(channel.question for channel in mapping.position.values())
+
+
 def test_a_slide_beyond_its_limits_is_drafted_in_mm() -> None:
     scara = (*ARM, MovableJoint("quill", "prismatic", RobotJointLimits(lower=-0.1, upper=0.1)))
     found = map_columns(table(**signals(("q1", "q2"), ("tau1", "tau2")), q3=wave(80.0), tau3=wave(20.0)), scara)

@@ -37,7 +37,7 @@ _UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower ca
 _UNIT_ROLES = {  # units that tell the role too
     **dict.fromkeys(("deg", "rad", "°", "degrees", "grad", "mrad", "mm", "um"), "position"),
     **dict.fromkeys(("nm", "mnm", "nmm"), "torque"),
-    **dict.fromkeys(("ma", "%"), "current"),
+    "ma": "current",
 }
 _UNIT = re.compile(
     r"[\[(]\s*(?P<bracket>[^\W\d][^\])\d]*|[°%])\s*[\])]|(?<=[\W_])(?P<tail>[^\W\d_]+|[°%])(?=[\W_]*\d*[\W_]*$)"
@@ -76,6 +76,7 @@ _DERIVED_WORDS = _word_set(
     "bias passive constraint inverse"
 )
 _AFTER_PRESENT = _word_set("pos position positions angle angles torque torques effort efforts")
+_LOAD_WORDS = _word_set("load auslastung")  # of a motor, in %
 _POSITION_PHRASES = _word_set("observation state"), _word_set("axis act")  # of LeRobot, and of the traces of KUKA
 
 
@@ -121,6 +122,7 @@ def read_name(column: str, joints: Iterable[str]) -> ColumnName:
         _find_role(remaining)
         or (_find_role(words) if joint else "")
         or unit_role
+        or ("current" if unit_spelling == "%" and _LOAD_WORDS & set(words) else "")
         or ("position" if any(phrase <= set(words) for phrase in _POSITION_PHRASES) else "")
     )
     role = unit_role if unit_role and role == "time" else role  # T1 [Nm] is a torque

@@ -95,6 +95,25 @@ def test_a_motor_that_turns_with_another_joint_too(coefficient: int, channel: Af
     assert (note.joint, note.partner, note.coefficient, note.channel) == ("j3", "j2", coefficient, channel)
 
 
+def test_the_friction_of_a_motor_that_turns_with_two_joints_is_that_of_its_own_motion() -> None:
+    """As of a parallel linkage, whose third motor turns the forearm against the base, not against the upper arm."""
+    gears = np.array([[1.0, 0, 0], [0, 1, 0], [0, 1, 1]])
+    q, dq, ddq = (x @ gears.T for x in (MOVED.q, MOVED.dq, MOVED.ddq))
+    tau = np.linalg.solve(gears.T, MOVED.tau.T).T
+    size = np.sqrt(np.mean(tau[:, 2] ** 2))
+    tau[:, 2] += size * (2.0 * np.sign(dq[:, 2]) + dq[:, 2] / np.std(dq[:, 2]))
+    (finding,) = found(replace(MOVED, q=q, dq=dq, ddq=ddq, tau=tau))
+    assert isinstance(finding.message, MotorCoupled)
+    assert (finding.joint, finding.message.channel) == ("j3", AffectedColumns.BOTH)
+    assert "`couplings: { j3_motor: { joints: { j3: 1, j2: 1 } } }` in `model`" in str(finding.message)
+
+
+def test_a_joint_that_stands_tells_nothing_of_a_motor_that_turns_with_it() -> None:
+    still = replace(MOVED, q=np.where(np.arange(3) == 1, 0.7, MOVED.q))
+    notes = [alternative.note(2.0, 1.0) for alternative in _alternatives(case(still, samples=50))]
+    assert not any(isinstance(note, MotorCoupled) for note in notes)
+
+
 def test_gravity_that_is_another_whatever_the_inertias_of_the_file() -> None:
     gravity = (9.81, 0.0, 0.0)
     hung = Model((RigidBodies(text(), gravity=gravity), *arm().terms[1:]))
@@ -116,7 +135,8 @@ def test_the_normal_equations_tell_the_error_of_every_alternative(monkeypatch: p
         assert 0.5 * exact < least < 1.001 * exact
     monkeypatch.setattr(Model, "regressor", lambda self, **states: calls.append(1) or regressor(self, **states))
     assert list(_plausible_alternatives(given, tried, np.inf)) == tried
-    assert len(calls) == len({(id(one.case.q), id(one.case.model)) for one in tried}) < 0.8 * len(tried)
+    regressors = {(id(one.case.q), id(one.case.model), id(one.case.extra)) for one in tried}
+    assert len(calls) == len(regressors) < 0.8 * len(tried)
     notes = [one.note(2.0, 1.0) for one in tried]
     fitted = [note.fitted for note in notes if isinstance(note, file_notes.OtherGravity)]
     assert (0.0, 0.0, 9.8) in fitted

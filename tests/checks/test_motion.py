@@ -58,6 +58,8 @@ def effort(tau: float, *, far: bool) -> motion_notes.EffortAboveLimit:
 BEYOND = motion_notes.PositionBeyondLimits
 CASES = {
     "inside": (motion(), WIDE, None),
+    "a whole turn away": (replace(motion(), q=motion().q + 2 * np.pi), WIDE, None),
+    "a zero in degrees": (replace(motion(), q=motion().q + 44), WIDE, BEYOND(near(43.5), near(44.5), -1, 1)),
     "no limits": (motion(40, 5, 500), None, None),
     "position": (motion(), replace(WIDE, upper=0.2), BEYOND(near(-0.5), near(0.5), -1, 0.2)),
     "position of a motor": (motion(12), replace(WIDE, velocity=None), BEYOND(near(-12), near(12), -1, 1, far=True)),
@@ -73,7 +75,7 @@ CASES = {
 def test_limits_that_are_exceeded_are_said_with_their_figures(
     moved: Motion, limits: RobotJointLimits | None, note: Note | None
 ) -> None:
-    notes = [one.message for one in limit_findings(excitation([moved], "a"), limits, "N m")]
+    notes = [one.message for one in limit_findings(excitation([moved], "a"), limits, Joint("a"))]
     assert notes == ([] if note is None else [note])
 
 

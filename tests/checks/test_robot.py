@@ -88,6 +88,12 @@ def test_a_sound_arm_has_none() -> None:
     assert found(arm()) == ()
 
 
+def test_the_boom_of_a_large_machine_is_in_metres() -> None:
+    boom = link("upper", 1800.0, (2.0, 0.0, 0.3), tensor=np.diag([150.0, 4000.0, 4000.0]))
+    elbow = joint("elbow", "revolute", "upper", "fore", (5.0, 0.0, 0.0))
+    assert found(arm(boom, elbow=elbow)) == ()
+
+
 def test_for_an_identification_no_inertia_of_the_file_is_an_error() -> None:
     assert {one.severity for one in found(FAULTS["negative mass"][0], inconsistent=Severity.WARNING)} == {"warning"}
 

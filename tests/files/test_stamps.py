@@ -20,6 +20,8 @@ NOON = 12 * 3600.0
     [
         ("2024-05-01T12:00:00", NOON),
         ("2024-05-01 12:00", NOON),
+        ("12:00:00.25", NOON + 0.25),
+        ("31.05.2024 12:00:00,25", NOON + 0.25),
         ("2024/05/01 12:00:00.5", NOON + 0.5),
         ("2024-05-01T12:00:00,123456789", NOON + 0.123456789),
         ("2024-05-01T12:00:00.1234567891Z", NOON + 0.123456789),
@@ -36,8 +38,10 @@ def test_texts_are_read(text, expected):
 
 @pytest.mark.parametrize(
     "texts",
-    [["2024-05-01"], ["12:00:00"], ["2024-13-01T00:00:00"], ["2023-02-29 10:00"], ["2024-05-01T25:00:00"], ["now"],
-     ["2024-05-01T12:00:00", "12"], ["2024-05-01T12:00:00Z", "2024-05-01T12:00:01"], [None], []],
+    [["2024-05-01"], ["12:00"], ["24:00:00"], ["12:00:00Z"], ["2024-13-01T00:00:00"],
+     ["2023-02-29 10:00"], ["05/31/2024 10:00"], ["31.02.2024 10:00"],
+     ["2024-05-01T25:00:00"], ["now"], ["12:00:00", "2024-05-01T12:00:00"], ["2024-05-01T12:00:00", "12"],
+     ["2024-05-01T12:00:00Z", "2024-05-01T12:00:01"], [None], []],
 )  # fmt: skip
 def test_other_texts_are_not(texts):
     assert parse_stamps(pl.Series(texts, dtype=pl.String)) is None
@@ -61,7 +65,8 @@ def test_texts_are_as_the_standard_library_has_them(moments, between, minutes):
 
 
 def test_missing_stamps_are_nan():
-    np.testing.assert_array_equal(parse_stamps(pl.Series([None, "2024-05-01T00:00:01"])), [np.nan, 1.0])
+    for text in ("2024-05-01T00:00:01", "00:00:01"):
+        np.testing.assert_array_equal(parse_stamps(pl.Series([None, text])), [np.nan, 1.0])
     days = pl.Series([None, dt.date(2024, 5, 1), dt.date(2024, 5, 3)])
     np.testing.assert_array_equal(seconds(days), [np.nan, 0.0, 2 * 86400.0])
 

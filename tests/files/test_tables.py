@@ -34,6 +34,10 @@ TEXTS = {
         "t;q;n\n[s];deg;-\n0;1.5;2\n1;2;3\n",
         {"t [s]": [0, 1], "q [deg]": [1.5, 2], "n": [2, 3]},
     ),
+    "a title": (
+        "Robot: IRB 1200, No. 17\nTest signals\nSampling\t4 ms\nt\tq\tn\n[s]\tdeg\t-\n0\t1.5\t2\n1\t2\t3\n",
+        {"t [s]": [0, 1], "q [deg]": [1.5, 2], "n": [2, 3]},
+    ),
     "an empty column": ("t,q\n0,\n1,\n", {"t": [0, 1], "q": [np.nan, np.nan]}),
 }
 
@@ -115,8 +119,8 @@ DAMAGED = {
     ),
     "title": (
         "a.csv",
-        b"Log of Monday\nt,q\n0,1\n1,2\n",
-        ("line 2 has 2 fields where 1", "begin the lines above them with #"),
+        b"Log of Monday\n0,1\n1,2\n",
+        ("line 2 has 2 fields where 1", "Begin the lines of a title with #"),
     ),
     "both decimal marks": ("a.csv", b"t;q\n1,234;1.5\n", ("decimal comma and others a decimal point",)),
     "binary": ("a.csv", b"t,q\n\0\1", ("not a text but a binary file",)),

@@ -159,6 +159,11 @@ BAD_DATA = {
     "unknown column": (recording().replace("q", "pos", 1), "", ("position.elbow: no column 'q'", "'pos'")),
     "text in a cell": (recording(q=lambda k: "1.2x" if k == 9 else k), "", ("column 'q' has '1.2x' at line 11",)),
     "empty cell": (recording(q=lambda k: "" if k == 9 else k / 99), "", ("column 'q' is empty or NaN at line 11",)),
+    "no common rows": (
+        recording(q=lambda k: "" if k % 2 else k / 99, tau=lambda k: k if k % 2 else ""),
+        "",
+        ("no row has values in all columns", "Interpolate the torques"),
+    ),
     "infinite": (recording(tau=lambda k: "-inf" if k > 8 else k), "", ("'tau' is -inf at line 11", "191 such")),
     "absurd": (recording(tau=lambda k: "1e300" if k == 3 else k), "", ("'tau' is 1e+300 at line 5",)),
     "no time": (recording(t=lambda k: "" if k == 4 else k), "", ("'t' has no valid time at line 6",)),
@@ -172,6 +177,11 @@ BAD_DATA = {
         ),
     ),
     "time restarts": (recording(t=lambda k: k % 100), "", ("line 102 runs backwards", "the clock was set back there")),
+    "counter starts anew": (
+        recording(t=lambda k: (4294966500 + 10 * k) % 2**32),
+        "",
+        ("runs backwards from", "(1 such row); the counter of 32 bits starts anew: add 2^32 to the rows from there on"),
+    ),
     "since 1970": (
         recording(t=lambda k: f"{1714550000 + (5 - k if k in (2, 3) else k) / 100:.2f}"),
         "",
@@ -179,6 +189,7 @@ BAD_DATA = {
     ),
     "gap": (recording(t=lambda k: k * 0.01 + (k > 50)), "", ("a.csv (a): a gap of 1.01 s", "gaps: split")),
     "outside": (recording(), ", window: [5, 9]", ("window 5-9 s holds 0 samples", "from 0 to 1.99 s")),
+    "one row": ("t,q,tau\n0,1,2\n", "", ("holds 1 sample;",)),
     "too short": (recording(), ", window: [0, 0.1]", ("only 11 samples",)),
     "degrees": (recording(q=lambda k: 90 * np.sin(0.02 * k)), "", ("joint 'elbow'", "unit: deg", "multi_turn")),
 }

@@ -27,6 +27,7 @@ MAX_TIE_RATIO = 1.02  # times the least error: alternatives up to here fit as we
 NORMAL_EQUATIONS_SLACK = 1.05  # times an error: the normal equations have only half of the digits
 RIDGE_SHARE = 1e-13  # of their diagonal, so that they can be solved
 MAX_JOINTS_ALL_PAIRS = 24  # joints: of more, only neighbours are exchanged, as all pairs would take minutes
+MIN_COUPLED_MOTION = 1e-3  # rad: a joint that stands tells nothing of a motor that turns with it
 MIN_AXIS_SINE = 0.1  # sine of the angle between axes that count as different
 
 
@@ -88,7 +89,9 @@ def _plausible_alternatives(
         # a change of the torques alone needs no new regressor: reuse the equations of the same motion and model
         changed = alternative.case
         alike = (
-            x for x in (last_equations, given_equations) if changed.q is x.case.q and changed.model is x.case.model
+            x
+            for x in (last_equations, given_equations)
+            if changed.q is x.case.q and changed.model is x.case.model and changed.extra is x.case.extra
         )
         if (equations := next(alike, None)) is None:
             equations = last_equations = _NormalEquations(changed)
@@ -122,7 +125,7 @@ class _NormalEquations(Noun):
     def _rows(self) -> Array:
         """The regressor (n, M, p) of each joint in the samples that count."""
         case = self.case
-        Y = case.model.regressor(**case.states) * case.keep[:, :, None]
+        Y = np.dstack([case.model.regressor(**case.states), *case.extra]) * case.keep[:, :, None]
         return np.ascontiguousarray(Y.swapaxes(0, 1))
 
     @cached_property
@@ -179,8 +182,9 @@ def _turn_zeros(case: FitCase) -> Iterator[Alternative]:
 def _couple_motors(case: FitCase) -> Iterator[Alternative]:
     # a motor that turns with the joint before its own, as of a parallel linkage or a wrist with a differential
     names = [joint.name for joint in case.model.joints]
-    is_revolute = [joint.kind == "revolute" for joint in case.model.joints]
-    for j in (j for j in range(1, len(names)) if is_revolute[j - 1] and is_revolute[j]):
+    is_moving = np.ptp(case.q, axis=0) > MIN_COUPLED_MOTION
+    turns = [joint.kind == "revolute" and moves for joint, moves in zip(case.model.joints, is_moving, strict=True)]
+    for j in (j for j in range(1, len(names)) if turns[j - 1] and turns[j]):
         for coefficient in (1, -1):
             gears = np.eye(len(names))
             gears[j, j - 1] = coefficient
@@ -189,7 +193,10 @@ def _couple_motors(case: FitCase) -> Iterator[Alternative]:
             coupled_case = replace(case, q=q, dq=dq, ddq=ddq, dddq=dddq)
             note = partial(file_notes.MotorCoupled, names[j], names[j - 1], coefficient)
             yield Alternative(coupled_case, names[j], partial(note, AffectedColumns.POSITION))
-            both_case = replace(coupled_case, tau=case.tau @ gears)
+            # it has its inertia and friction, too, which act on both joints
+            of_motor = (case.ddq, case.dq, np.sign(case.dq))
+            columns = tuple(np.outer(x[:, j], gears[j]) for x in of_motor)
+            both_case = replace(coupled_case, tau=case.tau @ gears, extra=(*case.extra, *columns))
             yield Alternative(both_case, names[j], partial(note, AffectedColumns.BOTH))
 
 

@@ -352,7 +352,7 @@ def _motion_findings(
     beyond = [
         finding
         for joint, entry in zip(model.joints, excitations, strict=True)
-        for finding in limit_findings(entry, model.limits.get(joint.name), joint.effort)
+        for finding in limit_findings(entry, model.limits.get(joint.name), joint)
     ]
     yield from (*gravity, *beyond)
     # the nominal torques hold only for the right gravity and unit of positions

@@ -84,7 +84,7 @@ class OddScale(Note):
     def __str__(self) -> str:
         return (
             f"the torque is {short(self.scale)} times that of the robot file's inertias. Is a gear ratio, a torque "
-            f"constant or a unit missing in `gain`? It should be in {self.unit}."
+            f"constant or a unit missing in `gain`, or is `gravity` not in m/s^2? The torque should be in {self.unit}."
         )
 
 
@@ -368,7 +368,8 @@ class MotorCoupled(Note):
 
     def __str__(self) -> str:
         motor = f"{{ {self.joint}: 1, {self.partner}: {self.coefficient} }}"
-        advice = f"Set `transmission: {{ {self.joint}: {motor} }}`, with its gear ratios."
+        couplings = f"couplings: {{ {self.joint}_motor: {{ joints: {motor} }} }}"
+        advice = f"Set `transmission: {{ {self.joint}: {motor} }}`, with its gear ratios, and `{couplings}` in `model`."
         if self.channel is AffectedColumns.POSITION:
             advice = f"{'Subtract' if self.coefficient > 0 else 'Add'} the position of {self.partner} in the file."
         return (

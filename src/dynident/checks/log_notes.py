@@ -250,7 +250,7 @@ class RepeatedMotion(Note):
         return (
             f"repeats the motion of {self.other!r}{_lag_clause(self.lag, 1e-3)}, to {percent(self.error, 2)}: its "
             "error shows repeatability, not how the model does on another motion. Hold out a different motion. "
-            "(Repeats at another speed are not looked for.)"
+            "Repeats at another speed are not looked for."
         )
 
 

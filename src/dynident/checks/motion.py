@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -14,7 +15,7 @@ from dynident.checks.motion_notes import OddLog
 from dynident.checks.stamps import joint_errors, rms_error
 from dynident.estimators.least_squares import solve_least_squares
 from dynident.identification import held_joints
-from dynident.models import Model
+from dynident.models import Joint, Model
 from dynident.models.robot_files import RobotJointLimits
 from dynident.motion.log import Log, Motion
 from dynident.regression import (
@@ -209,23 +210,26 @@ def hardly_moving_findings(excitations: Sequence[Excitation], model: Model) -> I
             yield Finding(motion_notes.HardlyMoves(size, largest, middle, joint.unit), facts.joint)
 
 
-def limit_findings(facts: Excitation, limits: RobotJointLimits | None, effort: str) -> Iterator[Finding]:
-    """Yield warnings: few reversals, limits of the robot file exceeded; ``effort`` is the unit of the torque."""
+def limit_findings(facts: Excitation, limits: RobotJointLimits | None, joint: Joint) -> Iterator[Finding]:
+    """Yield warnings: few reversals, limits of the robot file exceeded."""
     if facts.reversals < MIN_REVERSALS and facts.peak_speed > MIN_PEAK_SPEED:
         yield Finding(motion_notes.FewReversals(facts.reversals), facts.joint)
     if limits is None:
         return
-    yield from _position_findings(facts, limits)
+    yield from _position_findings(facts, limits, joint)
     if limits.velocity is not None and 0 < LIMIT_TOLERANCE * limits.velocity < facts.peak_speed:
         yield Finding(motion_notes.VelocityAboveLimit(facts.peak_speed, limits.velocity), facts.joint)
-    yield from _effort_findings(facts, limits, effort)
+    yield from _effort_findings(facts, limits, joint.effort)
 
 
-def _position_findings(facts: Excitation, limits: RobotJointLimits) -> Iterator[Finding]:
+def _position_findings(facts: Excitation, limits: RobotJointLimits, joint: Joint) -> Iterator[Finding]:
     if limits.lower is None or limits.upper is None or limits.lower >= limits.upper:
         return
     slack = RANGE_TOLERANCE * max(limits.upper - limits.lower, 1.0)
-    if facts.lower < limits.lower - slack or facts.upper > limits.upper + slack:
+    # a joint stands the same after a whole turn: an encoder from 0 to 360 degrees has 350 for -10
+    offset = (facts.lower + facts.upper - limits.lower - limits.upper) / 2
+    turn = math.copysign(2 * math.pi, offset) if joint.kind == "revolute" and abs(offset) > math.pi else 0.0
+    if facts.lower - turn < limits.lower - slack or facts.upper - turn > limits.upper + slack:
         is_far = facts.upper - facts.lower > MAX_RANGE_RATIO * (limits.upper - limits.lower)
         note = motion_notes.PositionBeyondLimits(facts.lower, facts.upper, limits.lower, limits.upper, is_far)
         yield Finding(note, facts.joint)

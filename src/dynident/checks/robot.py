@@ -15,7 +15,7 @@ from dynident.motion.log import Motion
 from dynident.runtime import Finding, Severity
 from dynident.runtime.arrays import Array
 
-MAX_CENTRE_DISTANCE = 1.0  # m: a centre of mass so far from its link's frame is rather in millimetres
+MAX_CENTRE_DISTANCE = 1.0  # m: a centre of mass beyond it, and beyond the link's joints, is rather in millimetres
 MAX_GYRATION_RATIO = 0.6  # radius of gyration over the size of the link; a rod has 0.29, two masses at its ends 0.5
 MIN_LINK_SIZE = 0.15  # m: size of a link without a known length, motors and all
 MIN_STEINER_SHARE = 0.6  # share of m c^2 in the largest moment from which on the tensor may be about the frame's origin
@@ -134,14 +134,15 @@ def _size_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Find
     base_links = _rigid_links(file, file.root)
     for fact in facts:
         distance = float(np.linalg.norm(fact.centre))
-        if distance > MAX_CENTRE_DISTANCE:
+        origins = [x.placement[:3, 3] for x in file.joints if fact.link in (x.parent, x.child)]
+        reach = max((float(np.linalg.norm(origin)) for origin in origins), default=0.0)
+        if distance > max(MAX_CENTRE_DISTANCE, reach):
             yield Finding(file_notes.FarCentre(distance), link=fact.link)
         if fact.link in base_links:
             continue
         gyration = float(np.sqrt(max(fact.moments[-1], 0.0) / abs(fact.mass)))
         # the length of a link: the distance to its joints, or twice that to its centre of mass
-        origins = [x.placement[:3, 3] for x in file.joints if fact.link in (x.parent, x.child)]
-        size = max([MIN_LINK_SIZE, 2 * distance, *(float(np.linalg.norm(origin)) for origin in origins)])
+        size = max(MIN_LINK_SIZE, 2 * distance, reach)
         if gyration > MAX_GYRATION_RATIO * size:
             yield Finding(file_notes.LargeGyration(float(fact.moments[-1]), gyration, fact.mass, size), link=fact.link)
 

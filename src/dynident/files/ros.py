@@ -216,7 +216,7 @@ def read_bag(path: Path, needed: Collection[str] | None = None) -> DataTable:  #
         names = sorted(file.name for file in path.iterdir() if file.suffix.lower() in READERS.kinds())
         raise InputError(
             f"{path}: is a folder without metadata.yaml, so it is not a ROS 2 bag; "
-            + (f"name a file in it. {choices('', names)}" if names else "nor does it hold a file that can be read.")
+            + (f"name a file in it: {choices('', names)}" if names else "nor does it hold a file that can be read.")
         )
     examine_files(path)
     groups, notes = _read_groups(path)

@@ -21,10 +21,11 @@ if TYPE_CHECKING:
     import polars as pl
 
 _STAMP = (
-    r"^(?P<date>\d{4}[-/]\d{2}[-/]\d{2})[Tt ]\s*"
+    r"^(?P<date>\d{4}[-/]\d{2}[-/]\d{2}|\d{2}\.\d{2}\.\d{4})[Tt ]\s*"
     r"(?P<h>[01]\d|2[0-3]):(?P<m>[0-5]\d)(:(?P<s>[0-5]\d|60)([.,](?P<f>\d+))?)?"
     r"\s*(?P<zone>Z|z|UTC|(?P<sign>[+-])(?P<zh>\d{2}):?(?P<zm>[0-5]\d)?)?$"
 )
+_TIME_OF_DAY = r"^\d{2}:\d{2}:\d{2}([.,]\d+)?$"
 
 T = TypeVar("T")
 _STDERR_LOCK = Lock()  # the descriptors belong to all threads
@@ -36,16 +37,24 @@ _UNIT_CELL = re.compile(
 _LINE_ENDS = list(b"\n\r\v\f\x1c\x1d\x1e\x85\xa8\xa9")  # bytes that end a line, in any encoding
 _SEPARATORS = list(b",;\t ")
 _COUNT_SIZE = 1 << 20
+MAX_TITLE_LINES = 50  # above the names of the columns
 _MISSING = ("", "na", "n/a", "null", "none", "nan", "-nan")  # missing values, in lower case
 
 
 def is_stamp(text: str) -> bool:
-    """Return whether a text is a date with a time of day."""
-    return re.match(_STAMP, text) is not None
+    """Return whether a text is a date with a time of day, or a time of day with its seconds."""
+    return re.match(_STAMP, text) is not None or re.match(_TIME_OF_DAY, text) is not None
+
+
+def iso_stamp(text: str) -> str:
+    """Return a stamp as ISO 8601 has it: a time of day on the first day of 1970, a date with points turned round."""
+    if re.match(_TIME_OF_DAY, text):
+        return f"1970-01-01T{text}"
+    return re.sub(r"^(\d{2})\.(\d{2})\.(\d{4})", r"\3-\2-\1", text)
 
 
 def parse_stamps(cells: pl.Series) -> Array | None:
-    """Return the seconds of texts such as ``2024-05-01T12:00:00.25+02:00``; None unless all are of this form.
+    """Return the seconds of texts such as ``2024-05-01T12:00:00.25+02:00`` or ``12:00:00``; None unless all are alike.
 
     Null becomes nan. The seconds may be missing or have fractions after a point or a comma, and the T may be a
     blank. Either all texts have a zone, or none has.
@@ -53,6 +62,9 @@ def parse_stamps(cells: pl.Series) -> Array | None:
     import polars as pl
 
     texts = cells.drop_nulls()
+    if texts.str.contains(_TIME_OF_DAY).all():
+        cells = "1970-01-01T" + cells
+        texts = cells.drop_nulls()
     if not len(texts) or not texts.str.contains(_STAMP).all():
         return None
     parts = cells.to_frame("x").select(pl.col("x").str.extract_groups(_STAMP)).unnest("x")
@@ -60,6 +72,7 @@ def parse_stamps(cells: pl.Series) -> Array | None:
     if 0 < parts["zone"].null_count() - cells.null_count() < len(texts):
         return None
     date = parts["date"].str.replace_all("/", "-").str.to_date("%Y-%m-%d", strict=False)
+    date = date.fill_null(parts["date"].str.to_date("%d.%m.%Y", strict=False))
     # a day that does not exist, such as February 30
     if date.null_count() > cells.null_count():
         return None
@@ -103,14 +116,17 @@ def _to_seconds(counts: pl.Series, rate: int) -> Array:
 def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  # noqa: ARG001
     """Read a table of text; columns of dates with times are in seconds.
 
-    The separator is ``;``, tab, comma or blanks; a decimal comma is read where it is not the separator; lines that
-    start with # or % are comments. Raises InputError for truncated rows and for ambiguous numbers.
+    The separator is ``;``, tab, comma or blanks; a decimal comma is read where it is not the separator. Lines that
+    start with # or % are comments, and a title may stand above the names. Raises InputError for truncated rows and
+    for ambiguous numbers.
     """
     data, source = nonempty_content(path), str(path)
     afford(_parsing_memory(data), f"{path}: its {len(data) / 1e6:.3g} MB of text would take")
     lines, body = _split_lines(data, source)
-    # from the second line, as names of columns may contain commas
-    separator = _find_separator(body[min(1, len(body) - 1)][1])
+    # not from the first line, as names of columns may contain commas, nor from a line that is cut off
+    longest = max((line for _, line in body[1:][-3:] or body), key=len)
+    separator = _find_separator(longest)
+    body = _drop_title(body, len(row_cells(longest, separator)), separator)
     names, header = _find_header(body[0][1], [line for k, line in lines if k < body[0][0]], separator)
     body = body[header:]
     if header and body and (units := unit_row(body[0][1], names, separator)) is not None:
@@ -146,6 +162,15 @@ def _split_lines(data: bytes, source: str) -> tuple[list[tuple[int, str]], list[
     if not body:
         raise InputError(f"{source}: holds no numbers, only comments.")
     return lines, body
+
+
+def _drop_title(body: list[tuple[int, str]], width: int, separator: str | None) -> list[tuple[int, str]]:
+    """Return the lines from the names of ``width`` columns on, if these stand below others of fewer or more cells."""
+    for k, (_, line) in enumerate(body[:MAX_TITLE_LINES]):
+        cells = row_cells(line, separator)
+        if len(cells) == width:
+            return body if any(_is_number(cell) or is_stamp(cell) for cell in cells) else body[k:]
+    return body
 
 
 def _find_header(line: str, comments: list[str], separator: str | None) -> tuple[list[str], bool]:
@@ -250,7 +275,7 @@ def _check_rows(rows: list[str], numbers: list[int], width: int, separator: str 
         if "[" in row:
             hint = "A cell holds a list: write each of its numbers to a column of its own."
         elif k == 0 and width == 1:
-            hint = "If the names of the columns stand further down, begin the lines above them with #."
+            hint = "Begin the lines of a title with #."
         elif separator == "," and count > width:
             hint = "If commas are decimal marks, separate the columns with ';'."
         fields = "1 field" if count == 1 else f"{count} fields"

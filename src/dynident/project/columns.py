@@ -14,6 +14,7 @@ _UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower ca
         **dict.fromkeys(("ms", "msec", "millis", "milliseconds"), "ms"),
         **dict.fromkeys(("us", "usec", "µs", "micros", "microseconds"), "us"),
         **dict.fromkeys(("ns", "nsec", "nanos", "nanosec", "nanoseconds"), "ns"),
+        **dict.fromkeys(("min", "mins", "minutes"), "min"),
     },
     "position": {
         **dict.fromkeys(("rad", "radian", "radians"), "rad"),
@@ -24,21 +25,22 @@ _UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower ca
     "torque": {
         "nm": "N m",
         "mnm": "mN m",
+        "nmm": "N mm",
         "knm": "kN m",
         "ncm": "N cm",
         "n": "N",
         "kn": "kN",
         **{unit.replace(" ", ""): unit for unit in ("kgf m", "kgf cm", "lbf ft", "lbf in", "kgf", "lbf")},
     },
-    "current": {"a": "A", "amp": "A", "amps": "A", "ma": "mA"},
+    "current": {"a": "A", "amp": "A", "amps": "A", "ma": "mA", "%": "%"},
 }
 _UNIT_ROLES = {  # units that tell the role too
-    **dict.fromkeys(("deg", "rad", "°", "degrees", "grad", "mrad"), "position"),
-    **dict.fromkeys(("nm", "mnm"), "torque"),
+    **dict.fromkeys(("deg", "rad", "°", "degrees", "grad", "mrad", "mm", "um"), "position"),
+    **dict.fromkeys(("nm", "mnm", "nmm"), "torque"),
     "ma": "current",
 }
 _UNIT = re.compile(
-    r"[\[(]\s*(?P<bracket>[^\W\d][^\])\d]*|°)\s*[\])]|(?<=[\W_])(?P<tail>[^\W\d_]+|°)(?=[\W_]*\d*[\W_]*$)"
+    r"[\[(]\s*(?P<bracket>[^\W\d][^\])\d]*|[°%])\s*[\])]|(?<=[\W_])(?P<tail>[^\W\d_]+|[°%])(?=[\W_]*\d*[\W_]*$)"
 )
 _STATED = re.compile(r"\[\s*([^\]\d]+?)\s*\]|(%|percent)", re.IGNORECASE)
 _WORD_BREAK = re.compile(r"[\W_]+|(?<=[a-z])(?=[A-Z][a-z])|(?<=[^\W\d])(?=\d)|(?<=\d)(?=[^\W\d])")
@@ -74,6 +76,7 @@ _DERIVED_WORDS = _word_set(
     "bias passive constraint inverse"
 )
 _AFTER_PRESENT = _word_set("pos position positions angle angles torque torques effort efforts")
+_LOAD_WORDS = _word_set("load auslastung")  # of a motor, in %
 _POSITION_PHRASES = _word_set("observation state"), _word_set("axis act")  # of LeRobot, and of the traces of KUKA
 
 
@@ -119,6 +122,7 @@ def read_name(column: str, joints: Iterable[str]) -> ColumnName:
         _find_role(remaining)
         or (_find_role(words) if joint else "")
         or unit_role
+        or ("current" if unit_spelling == "%" and _LOAD_WORDS & set(words) else "")
         or ("position" if any(phrase <= set(words) for phrase in _POSITION_PHRASES) else "")
     )
     role = unit_role if unit_role and role == "time" else role  # T1 [Nm] is a torque
@@ -220,7 +224,7 @@ def _unit_in_name(column: str) -> tuple[str, tuple[str, ...]]:
     if not matches:
         return "", ()
     text = matches[-1]["bracket"] or matches[-1]["tail"]
-    return re.sub(r"[\s*·.]", "", text).lower(), tokens(text)
+    return re.sub(r"[\s*·⋅.-]", "", text).lower(), tokens(text)
 
 
 def stated_unit(column: str, joints: Iterable[str]) -> str:

@@ -46,7 +46,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     },
     "length": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254},
     "torque": {
-        "N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N cm": 1e-2, "kgf m": 9.80665, "kgf cm": 9.80665e-2,
+        "N m": 1.0, "mN m": 1e-3, "N mm": 1e-3, "kN m": 1e3, "N cm": 1e-2, "kgf m": 9.80665, "kgf cm": 9.80665e-2,
         "lbf ft": 4.4482216152605 * 0.3048, "lbf in": 4.4482216152605 * 0.0254,
     },
     "angular velocity": {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": math.pi / 30, "rev/s": 2 * math.pi},

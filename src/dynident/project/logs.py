@@ -31,6 +31,7 @@ from dynident.runtime import (
     Severity,
     brief,
     choices,
+    count,
     report_progress,
     require,
 )
@@ -259,7 +260,7 @@ def _cut_window(recording: RecordedSignals, window: Interval, joints: Sequence[J
     rows = np.flatnonzero((t >= start) & (t <= stop))
     if len(rows) < 2:
         raise InputError(
-            f"{source}: the window {interval_words(window)} holds {len(rows)} samples; "
+            f"{source}: the window {interval_words(window)} holds {count(len(rows), 'sample')}; "
             f"the recording runs from {t[0]:.12g} to {t[-1]:.12g} s. Correct the window, or the `unit` of `time`."
         )
     part = slice(int(rows[0]), int(rows[-1]) + 1)  # the stamps increase
@@ -277,9 +278,9 @@ def _cut_window(recording: RecordedSignals, window: Interval, joints: Sequence[J
             fault, remedy = f"{value:.3g}", ""
             if np.isnan(value):
                 fault, remedy = "empty or NaN", ", or where rows have stamps by `gaps: split`"
-            count = len(set().union(*bad_rows.values()))
+            bad_count = count(len(set().union(*bad_rows.values())), "such row")
             raise InputError(
-                f"{source}: column {column!r} is {fault} at {recording.table.place(bad[0])} ({count} such rows in all, "
+                f"{source}: column {column!r} is {fault} at {recording.table.place(bad[0])} ({bad_count} in all, "
                 f"of any column). Correct these samples, or leave them out by a window{remedy}."
             )
     return Log(t[part], recording.q[part], recording.tau[part], tuple(joint.name for joint in joints), name)

@@ -141,7 +141,7 @@ class LongLog(Noun):
         if len(back):
             raise InputError(
                 f"{table.source}: column {name!r}: the time runs backwards at {table.place(back[0] + 1)} "
-                f"({len(back)} such rows); {order_hint(t)}."
+                f"({len(back)} such rows); {order_hint(table.column(name))}."
             )
 
     def plan_stretches(self, windows: Sequence[Interval]) -> LongLog:

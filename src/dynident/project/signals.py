@@ -23,13 +23,14 @@ from dynident.project.drive_settings import (
 )
 from dynident.project.fields import POSITIONS, TORQUES, VELOCITIES, Angle, Channel, unit_factor
 from dynident.project.settings import Config, LogSpec
-from dynident.runtime import ConfigError, InputError
+from dynident.runtime import ConfigError, InputError, count
 from dynident.runtime.arrays import Array
 
 MIN_STEP_SHARE = 1e-4  # share of the usual step
 _EPISODE_COLUMNS = ("episode", "episode_index", "episode_id")
 _MAX_VALUE = 1e100  # a larger value is damaged, and its square may overflow
 _MAX_DISORDER = 12  # usual steps by which rows that were exchanged run backwards
+_COUNTER_BITS = (16, 32)
 SETTINGS_PATH = "simulation.joints"
 
 
@@ -136,6 +137,11 @@ def _drop_unusable_rows(table: DataTable, used_columns: Mapping[str, Array], con
     columns, stamped = list(used_columns.values()), config.time.column is not None
     keep = ~np.logical_or.reduce([np.isnan(column) for column in columns])
     if not keep.any():
+        if all(np.isfinite(column).any() for column in columns):
+            raise InputError(
+                f"{table.source}: no row has values in all columns that are used: positions and torques have stamps of "
+                "their own. Interpolate the torques at the stamps of the positions, in one row for each."
+            )
         return table
     place = "" if stamped and config.gaps == "split" else " at the ends"
     if place:
@@ -245,15 +251,22 @@ def _time_stamps(table: DataTable, config: Config, rows: int) -> Array:
         fault = "repeats" if t[k + 1] == t[k] else f"runs backwards from {t[k]:.15g} s"
         raise InputError(
             f"{table.source}: column {name!r}: the time {t[k + 1]:.15g} s at {table.place(k + 1)} {fault} "
-            f"({len(back)} such rows); {_episode_hint(table)}{order_hint(t)}."
+            f"({count(len(back), 'such row')}); {_episode_hint(table)}{order_hint(column)}."
         )
     return t
 
 
-def order_hint(t: Array) -> str:
-    """Return what to do where the stamps (N) run backwards: by a few steps rows were exchanged, by more the clock."""
-    steps = np.diff(t)
-    if steps.min() >= -_MAX_DISORDER * np.median(np.abs(steps)):
+def order_hint(column: Array) -> str:
+    """Return what to do where stamps (N), as they are in the file, run backwards.
+
+    By a few steps rows were exchanged, by 2^16 or 2^32 a counter starts anew, by others the clock was set.
+    """
+    steps = np.diff(column)
+    usual, back = float(np.median(np.abs(steps))), -float(steps.min())
+    for bits in _COUNTER_BITS:
+        if column.max() < 2**bits and abs(back + usual - 2**bits) <= _MAX_DISORDER * usual:
+            return f"the counter of {bits} bits starts anew: add 2^{bits} to the rows from there on, or give the `rate`"
+    if back <= _MAX_DISORDER * usual:
         return "sort the rows by time and keep the first of equal stamps (`close_stamps: drop`)"
     return "the clock was set back there, or another recording begins: write the rows before and after to two logs"
 
@@ -272,8 +285,8 @@ def check_times(table: DataTable, name: str, t: Array) -> None:
     bad = bad_values(t)
     if len(bad):
         raise InputError(
-            f"{table.source}: column {name!r} has no valid time at {table.place(bad[0])} ({len(bad)} such rows); "
-            "delete these rows."
+            f"{table.source}: column {name!r} has no valid time at {table.place(bad[0])} "
+            f"({count(len(bad), 'such row')}); delete these rows."
         )
 
 

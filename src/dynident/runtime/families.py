@@ -279,7 +279,7 @@ ESTIMATORS = PartFamily(
 READERS = PartFamily(
     "log reader",
     {
-        **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), "dynident.files.text:read_text"),
+        **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".log"), "dynident.files.text:read_text"),
         ".parquet": "dynident.files.parquet:read_parquet",
         ".npz": "dynident.files.arrays:read_npz",
         ".mat": "dynident.files.matlab:read_mat",

@@ -111,6 +111,22 @@ def test_each_joint_has_the_unit_of_its_own_column():
     assert found.lock == {}
 
 
+def test_a_joint_without_position_is_not_in_the_log_and_its_torque_is_not_used() -> None:
+    axes = [MovableJoint("X", "prismatic"), MovableJoint("C", "revolute")]
+    columns = {"X_act_mm": wave(80.0), "C_act_deg": wave(80.0), "X_Moment_%": wave(9.0, 2), "C_Moment_%": wave(7.0, 3)}
+    assert chosen(map_columns(table(**columns), axes)) == list(columns)
+    del columns["X_act_mm"]
+    draft = map_columns(table(**columns), axes)
+    assert (list(draft.lock), draft.unused) == (["X"], ("X_Moment_%",))
+
+
+def test_lengths_are_no_positions_of_turning_joints() -> None:
+    gaps = {f"gap{k}_mm": wave(9.0, k) for k in (1, 2)}
+    mapping = map_columns(table(**gaps, **signals()), NUMBERED)
+    assert chosen(mapping) == ["q1", "q2", "tau1", "tau2"]
+    assert not any(channel.question for channel in mapping.position.values())
+
+
 def test_a_slide_beyond_its_limits_is_drafted_in_mm() -> None:
     scara = (*ARM, MovableJoint("quill", "prismatic", RobotJointLimits(lower=-0.1, upper=0.1)))
     found = map_columns(table(**signals(("q1", "q2"), ("tau1", "tau2")), q3=wave(80.0), tau3=wave(20.0)), scara)
@@ -119,20 +135,22 @@ def test_a_slide_beyond_its_limits_is_drafted_in_mm() -> None:
 
 
 @pytest.mark.parametrize(
-    ("form", "unit", "question"),
+    ("form", "unit", "gain"),
     [
-        ("Torque {} [%]", "N m", "its name says '%'"),
-        ("torque{}_percent", "N m", "its name says 'percent'"),
-        ("torque{} [V]", "N m", "its name says 'V'"),
+        ("Torque {} [%]", "N m", "N m at the joint per '%'"),
+        ("torque{}_percent", "N m", "N m at the joint per 'percent'"),
+        ("torque{} [V]", "N m", "N m at the joint per 'V'"),
+        ("M{} load (%)", "N m", "N m at the joint per '%'"),
         ("torque{} [kgf cm]", "kgf cm", ""),
+        ("torque{} [N-m]", "N m", ""),
         ("tau[{}]", "N m", ""),
     ],
 )
-def test_a_unit_that_is_not_known_is_asked_about(form: str, unit: str, question: str) -> None:
+def test_a_torque_in_another_unit_wants_a_gain(form: str, unit: str, gain: str) -> None:
     found = map_columns(table(**signals(torque=[form.format(name) for name in ("1", "2")])), NUMBERED)
-    assert {channel.unit for channel in found.torque.values()} == {unit}
-    assert all(question in channel.question for channel in found.torque.values())
-    assert all(bool(question) == bool(channel.question) for channel in found.torque.values())
+    channels = found.torque.values()
+    assert {(channel.unit, channel.question, channel.gain) for channel in channels} == {(unit, "", gain)}
+    assert ("judged" in found.reasons["torque"]) == form.startswith("tau[")
 
 
 def test_units_follow_from_names():
@@ -154,6 +172,13 @@ def test_positions_beyond_two_pi_are_asked_about():
     for size, words in ((9.0, "multi_turn"), (3.5, "multi_turn"), (3.0, "")):
         endless = map_columns(table(q=wave(size), tau=wave(1.0)), [wheel], ros=True).position["wheel"]
         assert (words in endless.question) if words else endless.question == "", size
+
+
+def test_what_starts_anew_after_360_is_in_degrees() -> None:
+    """Whatever the limits say: the joint at 350 degrees stands at -10."""
+    angles = (350.0 + wave(60.0, 2)) % 360.0
+    (angle,) = map_columns(table(q=angles, tau=wave(9.0)), NUMBERED[:1]).position.values()
+    assert (angle.unit, angle.wraps, angle.question) == ("deg", 360.0, "")
 
 
 def test_torques_are_compared_with_the_limits():

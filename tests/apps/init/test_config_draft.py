@@ -20,6 +20,7 @@ from dynident.models.robot_files import RobotJointLimits
 from dynident.project.arms import KnownArm
 from dynident.project.config import parse_config
 from dynident.project.shortcuts import read_robot
+from dynident.runtime import InputError
 from tests.apps.excitation.arms import TWO
 from tests.cli.commands import refuse, run, succeed
 from tests.kept import check_kept
@@ -171,6 +172,14 @@ def test_files_that_make_one_log_are_joined(arm, tmp_path):
     config = parse_config((tmp_path / "identify.yaml").read_text())
     assert list(config.train[0].file) == ["position", "effort", "time"]
     assert (config.torque["elbow"].column, config.time.column) == ("effort.elbow", "time.clock")
+
+
+def test_files_of_one_log_that_differ_in_their_rate_are_refused(arm, tmp_path):
+    for name, step in (("position", 1), ("effort", 4)):
+        rows = np.column_stack([T, SOUND[f"elbow.{name}"], SOUND[f"shoulder.{name}"]])[::step]
+        np.savetxt(f"{name}.csv", rows, delimiter=",", header="t,elbow,shoulder", comments="")
+    with pytest.raises(InputError, match=r"position\.csv has 800 rows, effort\.csv has 200 rows; .* interpolate"):
+        read_source("position.csv+effort.csv")
 
 
 def test_one_number_a_line_gets_its_width(arm, tmp_path):

@@ -183,3 +183,15 @@ def test_columns_within_a_tenth_more_than_the_range_can_be_positions(kind: str, 
         column = np.array([[0.0], [span]])
         assert _is_reachable(joints, column) is can_be
         assert _is_reachable(joints, unit * column, degrees=True) is can_be
+
+
+def test_columns_matched_by_their_values_have_the_units_of_their_names() -> None:
+    """The leg's columns name no joint of the robot file, but say what they are."""
+    parts = ("hip", "thigh", "knee", "shin", "ankle", "foot")
+    columns = {f"{part} angle (deg)": np.degrees(q) for part, q in zip(parts, BLOCKS["q"].T, strict=True)}
+    columns |= {f"{part} torque (mN·m)": 1e3 * x for part, x in zip(parts, BLOCKS["tau"].T, strict=True)}
+    mapping = map_columns(DataTable({"time": T, **columns}, {}, "a.txt"), JOINTS)
+    assert columns_of(mapping) == list(columns)
+    assert {channel.unit for channel in mapping.position.values()} == {"deg"}
+    assert {channel.unit for channel in mapping.torque.values()} == {"mN m"}
+    assert not any("degrees" in channel.question for channel in mapping.position.values())

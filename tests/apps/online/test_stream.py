@@ -163,6 +163,18 @@ def test_dates_count_from_the_first_midnight(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.t, [86_399.5, 86_399.75, 86_400.0])
 
 
+def test_names_stand_below_a_title(tmp_path: Path) -> None:
+    check(reader(tmp_path), ["Robot: IRB 1200", "log of Monday", HEAD, *ROWS])
+    with pytest.raises(ConfigError, match=r"no column 'a'; choose from 't', 'x'"):
+        reader(tmp_path).push(["Robot: IRB 1200", "t,x", "0,1"])
+
+
+@pytest.mark.parametrize("day", ["", "22.11.2026 ", "2026-11-22 "])
+def test_stamps_are_those_of_logs(tmp_path: Path, day: str) -> None:
+    found = reader(tmp_path).push([HEAD, *(f"{day}23:59:{s},1,1,1,1," for s in ("59.5", "59.75"))])
+    np.testing.assert_allclose(found.t, [86_399.5, 86_399.75])
+
+
 def test_a_saved_reader_goes_on(tmp_path: Path) -> None:
     one, other = reader(tmp_path), reader(tmp_path)
     one.push([HEAD, ROWS[0]])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain
 
 import numpy as np
 
@@ -32,6 +31,7 @@ from dynident.runtime.arrays import Array
 
 _LOCK_DECIMALS = 6  # digits of locked positions
 _MAX_LOCKED_MOTION = 1e-3  # rad or m: a locked joint that moves more raises a question
+FULL_TURN = 360.0  # degrees: what starts anew after it is in these
 _LIMIT_SLACK = 1.05  # on limits of position
 _MAX_LIMIT_RATIO, _MIN_EFFORT_RATIO = 1.5, 0.02  # times the effort limit: torques beyond are hardly joint torques
 
@@ -129,9 +129,11 @@ def map_columns(
     identified_joints = [joint for joint in usable if joint.name in names]
     rows = match_length(table, position or torque)
     time = time_column(table, column_families, rows, ros, nameless=nameless)
-    matches = {key: match for key, match in (("position", position), ("torque", torque)) if match}
     commands = command_columns(table, usable, position) if torque is None else {}
-    unused = [name for name in _unused_columns(table, rows, time, matches.values()) if name not in commands.values()]
+    torques = _torque_channels(table, identified_joints, torque, ros)
+    channels = [*signals.values(), *torques.values()]
+    used = {time.column, *commands.values(), *(channel.column for channel in channels)}
+    unused = tuple(name for name, column in table.columns.items() if name not in used and len(column) == rows)
     locked = _lock_positions(table, joints, names, signals)
     positions = (
         (joint.name, signals.get(joint.name, _missing_channel(joint, POSITIONS))) for joint in identified_joints
@@ -139,10 +141,14 @@ def map_columns(
     return ColumnMapping(
         time=time,
         position=dict(positions),
-        torque=_torque_channels(table, identified_joints, torque, ros),
+        torque=torques,
         lock={name: (q, "" if name in still else why) for name, (q, why) in locked.items()},
-        reasons={key: match.reason + _unit_reason(match.family, ros) for key, match in matches.items()},
-        unused=tuple(unused),
+        reasons={
+            section: match.reason + _unit_reason(match.family, by_joint, ros)
+            for section, match, by_joint in (("position", position, signals), ("torque", torque, torques))
+            if match
+        },
+        unused=unused,
         unknown_joints=_unknown_joint_columns(unused, position, joints),
         gaps=has_gaps(table, time),
         still_joints=tuple(name for name in still if name not in names),
@@ -171,12 +177,6 @@ def _motion_range(tables: Sequence[DataTable], joint: MovableJoint, signal: Chan
     recordings = [finite_values(table.columns[signal.column]) for table in tables if signal.column in table.columns]
     ends = [end for q in recordings if len(q) for end in (q.min(), q.max())]
     return UNITS[POSITIONS[joint.kind]][signal.unit] * float(np.ptp(ends)) if ends else math.inf
-
-
-def _unused_columns(table: DataTable, rows: int, time: TimeColumn, matches: Iterable[Match]) -> tuple[str, ...]:
-    """Return the columns of that length that are neither the time nor matched."""
-    used = {time.column, *chain.from_iterable(match.columns.values() for match in matches)}
-    return tuple(name for name, column in table.columns.items() if name not in used and len(column) == rows)
 
 
 def _unknown_joint_columns(
@@ -209,6 +209,8 @@ def _position_channels(
     turns = {joint.name: turn_size(values[joint.name], units.get(match.columns[joint.name], "")) for joint in joints
              if joint.kind == "revolute"}  # fmt: skip
     values = {name: unwrap(q, turns.get(name)) for name, q in values.items()}
+    in_degrees = {match.columns[name]: "deg" for name, turn in turns.items() if turn == FULL_TURN}
+    match = replace(match, family=replace(match.family, units={**in_degrees, **units}))
     revolute = [(joint, values[joint.name]) for joint in joints if joint.kind == "revolute"]
     degrees = "" if ros else _degrees_question(revolute)
     return {
@@ -323,9 +325,9 @@ def _current_channel(joint: MovableJoint, match: Match) -> ChannelProposal:
     """Return the torque channel of a joint from its motor current, with the meaning of its gain."""
     column, unit = match.columns[joint.name], _si_unit(joint, TORQUES)
     current_unit = match.family.units.get(column, "A or mA")
-    return ChannelProposal(
-        column, unit, _nonempty(match.question), f"torque constant times gear ratio, {unit} per {current_unit}"
-    )
+    of_current = f"torque constant times gear ratio, {unit} per {current_unit}"
+    gain = f"{unit} at the joint per '%'" if current_unit == "%" else of_current
+    return ChannelProposal(column, unit, _nonempty(match.question), gain)
 
 
 def _torque_channel(
@@ -340,14 +342,14 @@ def _torque_channel(
     if unit in UNITS[TORQUES[joint.kind]]:
         return ChannelProposal(column, unit, _nonempty(match.question))
     unit = _si_unit(joint, TORQUES)
+    if stated := stated_unit(column, [joint.name]):
+        return ChannelProposal(column, unit, _nonempty(match.question), f"{unit} at the joint per {stated!r}")
     # a torque beyond its limit is likely in other units; a small one only if that holds for all joints
     if limit and peak / limit > _MAX_LIMIT_RATIO:
         doubt = (
             f"the peak {peak:.3g} exceeds the limit {limit:.3g} {unit} of the "
             "robot file: is it a current in mA, or another unit?"
         )
-    elif stated := stated_unit(column, [joint.name]):
-        doubt = f"its name says {stated!r}, which is not read as a unit of torque: then `gain`, or another `unit`?"
     elif largest_ratio is not None and largest_ratio < _MIN_EFFORT_RATIO:
         doubt = (
             f"the peak {peak:.2g} is small against the limit of the robot file: is it the motor's, "
@@ -358,8 +360,8 @@ def _torque_channel(
     return ChannelProposal(column, unit, _nonempty(match.question, doubt))
 
 
-def _unit_reason(family: ColumnFamily, ros: bool) -> str:
-    if family.role == "current":
+def _unit_reason(family: ColumnFamily, channels: Mapping[str, ChannelProposal], ros: bool) -> str:
+    if any(channel.gain for channel in channels.values()):
         return ""
     if family.units:
         return "; the unit is in their names"

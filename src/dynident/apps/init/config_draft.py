@@ -26,7 +26,7 @@ from dynident.project.columns import is_commanded, read_name
 from dynident.project.fields import UNITS
 from dynident.project.logs import read_recording
 from dynident.project.settings import LogSpec
-from dynident.runtime import InputError, choices, join_names
+from dynident.runtime import InputError, choices, count, join_names
 from dynident.runtime.arrays import Array
 
 _TRAINING_SHARE = 0.7  # of a single log
@@ -67,7 +67,13 @@ def read_source(log: str) -> LogSource:
         raise InputError(f"{log}: two of the files have the same name; rename one, or write the configuration by hand.")
     column_widths = widths({key: read_columns(path) for key, path in files.items()})
     spec = {"file": {key: str(path) for key, path in files.items()}, "width": column_widths or None}
-    return LogSource(files, column_widths, read_recording(LogSpec.model_validate(spec)))
+    table = read_recording(LogSpec.model_validate(spec))
+    rows = {key: {len(x) for name, x in table.columns.items() if name.startswith(f"{key}.")} for key in files}
+    rows = {key: lengths for key, lengths in rows.items() if lengths}
+    if rows and not set.intersection(*rows.values()):
+        counts = join_names(f"{files[key]} has {count(max(lengths), 'row')}" for key, lengths in rows.items())
+        raise InputError(f"{counts}; all files of a log need as many: interpolate to the stamps of the positions.")
+    return LogSource(files, column_widths, table)
 
 
 def _short_names(stems: Sequence[str]) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -85,7 +85,8 @@ def best_pair(
         match_family(family, joints, joints_by_number, numbers) for family in column_families if family.rank > -2
     )
     matches = [match for match in family_matches if match.columns]
-    positions = [match for match in matches if match.family.role == "position"]
+    turning = {joint.name for joint in joints if joint.kind == "revolute"}
+    positions = [match for match in matches if match.family.role == "position" and not _has_length(match, turning)]
     torques = [match for match in matches if match.family.role in ("torque", "current")]
     # all pairs of one length are compared, each also without its partner: positions alone beat a wrong pair
     pairs = (
@@ -95,6 +96,12 @@ def best_pair(
     )
     position, torque = max(pairs, key=_pair_merit, default=(None, None))
     return _ask_about_rivals(table, position, positions), _ask_about_rivals(table, torque, torques)
+
+
+def _has_length(match: Match, joints: Collection[str]) -> bool:
+    """Return whether the column of one of the joints has a unit of length."""
+    units = match.family.units
+    return any(units.get(column) in UNITS["length"] for joint, column in match.columns.items() if joint in joints)
 
 
 def _pair_merit(pair: tuple[Match | None, Match | None]) -> tuple[float, ...]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dynident.apps.init.match import Match, MovableJoint, is_increasing
 from dynident.files.tables import DataTable
-from dynident.project.columns import ColumnFamily
+from dynident.project.columns import ColumnFamily, read_name
 from dynident.runtime.arrays import Array
 
 Mask = NDArray[np.bool_]
@@ -114,7 +114,10 @@ def _complete_rows(X: Array) -> Array:
 
 def _block_match(role: str, block: _ColumnBlock, joints: Sequence[MovableJoint], question: str) -> Match:
     columns = {joint.name: name for joint, name in zip(joints, block.names, strict=True)}
-    return Match(ColumnFamily(role, 0, dict(enumerate(block.names))), columns, "matched by their values", question)
+    parsed = [read_name(name, ()) for name in block.names]
+    units = {name.column: name.unit for name in parsed if name.unit and name.role == role}
+    family = ColumnFamily(role, 0, dict(enumerate(block.names)), units)
+    return Match(family, columns, "matched by their values", question)
 
 
 def _is_separate(start: int, other_starts: Sequence[int], n: int) -> bool:

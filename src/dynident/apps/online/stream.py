@@ -25,7 +25,7 @@ from dynident.apps.online.detector import BadLines
 from dynident.apps.online.watcher import MAX_TIME
 from dynident.files.opener import file_status, open_input
 from dynident.files.tables import DataTable
-from dynident.files.text import first_row, row_cells, unit_row
+from dynident.files.text import first_row, iso_stamp, row_cells, unit_row
 from dynident.models import Joint
 from dynident.project.fields import Channel, unit_factor
 from dynident.project.settings import Config, check_joints
@@ -265,8 +265,8 @@ class SampleReader:
             raise ValueError("too long")
         if text.lstrip().startswith("{"):
             return self._row_values(self._parse_object(text))
-        # only the last comment is kept: it may hold the column names
-        if text.lstrip().startswith(COMMENT_MARKS):
+        # only the last comment or title is kept: it may hold the column names
+        if text.lstrip().startswith(COMMENT_MARKS) or self._is_title(text):
             self.comments = [text]
             return None
         if self.fresh:
@@ -283,6 +283,13 @@ class SampleReader:
         if len(cells) != len(self.names):
             raise ValueError("another number of cells")
         return self._row_values(dict(zip(self.names, cells, strict=True)))
+
+    def _is_title(self, text: str) -> bool:
+        """Return whether a line stands above the names of the columns: words, fewer than are needed."""
+        if not self.fresh or self.names:
+            return False
+        names, is_header, _ = first_row(text, self.comments)
+        return is_header and len(names) < len(self.needed)
 
     def _take_header(self, text: str) -> bool:
         """Take the column names from the first line; return whether the line holds nothing else."""
@@ -321,7 +328,7 @@ class SampleReader:
     def _parse_time(self, cell: Any) -> float:
         t = self._factor * _parse_number(cell)
         if math.isnan(t) and isinstance(cell, str):
-            date = datetime.fromisoformat(cell.strip())  # ValueError where it is none
+            date = datetime.fromisoformat(iso_stamp(cell.strip()))  # ValueError where it is none
             stamp = (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
             # counted from the first midnight, as float64 is too coarse for seconds since 1970
             if math.isnan(self.zero):

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from dynident.identification import Recipe, choose_smoother, cross_validated_error, identify
-from dynident.identification import cross_validation as smoother_choice
-from dynident.identification.cross_validation import choose_by_joint
+from dynident.identification import Recipe, choose_smoother, cross_validated_error, identify, smoother_choice
+from dynident.identification.smoother_choice import choose_by_joint
 from dynident.models.lagrangian import two_link_arm
 from dynident.models.simulation import record, simulate
 from dynident.motion.log import Log, Motion

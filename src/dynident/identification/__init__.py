@@ -14,13 +14,7 @@ from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_til
 from dynident.identification.bootstrap import Bootstrap, bootstrap
 from dynident.identification.calibration import Calibration, with_plain_terms
 from dynident.identification.cramer_rao import cramer_rao_bound, information, normal_matrices, variance
-from dynident.identification.cross_validation import (
-    Gain,
-    SmootherChoice,
-    choose_smoother,
-    cross_validated_error,
-    cut_excerpts,
-)
+from dynident.identification.cross_validation import Gain, cross_validated_error
 from dynident.identification.dataset import NotFitted, NotJudged, NotLogged, SubstituteUsed, substitute_notes
 from dynident.identification.identify import estimate_parameters, identify
 from dynident.identification.long import InPieces, PiecePlan, identify_from_pieces, plan_pieces
@@ -36,6 +30,7 @@ from dynident.identification.result import (
     StandardErrors,
     versions,
 )
+from dynident.identification.smoother_choice import SmootherChoice, choose_smoother, cut_excerpts
 from dynident.identification.time_offset import Alignment, TimeOffset, align_motion, find_time_offset
 from dynident.identification.verdict import HeldOut, LargestResidual, Verdict, WorstRun
 from dynident.identification.verdict_reasons import Reason

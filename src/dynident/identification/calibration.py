@@ -10,11 +10,12 @@ import numpy as np
 
 from dynident.estimators import Estimate, Estimator, Problem
 from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt
-from dynident.identification.cross_validation import SmootherChoice, motion_gain
+from dynident.identification.cross_validation import motion_gain
 from dynident.identification.dataset import Dataset, RoleMotions
 from dynident.identification.mounting import has_gravity, tilt_base
 from dynident.identification.prior_strength import PriorStrength, find_prior_strength, with_strength
 from dynident.identification.recipe import Recipe
+from dynident.identification.smoother_choice import SmootherChoice
 from dynident.identification.terms import (
     MIN_DRIFT_DURATION,
     JointExcitation,

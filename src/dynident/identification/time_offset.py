@@ -17,15 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.identification.calibration_std import calibration_std
-from dynident.identification.cross_validation import (
-    Gain,
-    SmootherChoice,
-    choose_by_joint,
-    choose_smoother,
-    cut_excerpts,
-    motion_gain,
-)
+from dynident.identification.cross_validation import Gain, motion_gain
 from dynident.identification.repetition import repeat_recordings
+from dynident.identification.smoother_choice import SmootherChoice, choose_by_joint, choose_smoother, cut_excerpts
 from dynident.models import Model
 from dynident.motion.log import Log, Motion, subsample
 from dynident.motion.smoothers import Smoother, TimeShifted, smooth_log, strip_time_offset

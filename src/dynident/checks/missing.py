@@ -93,7 +93,7 @@ MIN_TORQUE_SHARE = 0.005  # share of a joint's torque (rms) below which an effec
 MIN_WARNING_SHARE = 0.4  # ... and to be warned of
 MIN_OPEN_GAIN = 10.0  # %, of the squared error: a term that gains more, but within its error, was not refused
 LIBRARY_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR)  # terms of the library
-POSITIVE_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD)
+POSITIVE_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD, TermKind.GEAR_LOSS)
 # the kinds by which a choice of terms has tried an effect
 TRIED_KINDS = {kind: {kind.term} for kind in TermKind if kind.term}
 TRIED_KINDS |= {kind: {"coulomb", "dahl"} for kind in (TermKind.COULOMB, TermKind.SMOOTH)}
@@ -198,7 +198,8 @@ def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, A
     """Yield every kind of effect in the motion of a case, with the values of the fit and its ``ripples`` by joint."""
     (load, friction), n = _load_and_friction(fit, case), case.q.shape[1]
     age = np.linspace(-1.0, 1.0, len(case.q))  # a drift grows linearly over all logs, in their order
-    torque_derivative = torque_rate(fit, case)
+    # a delay is one of the log: the torque that the user meets has none
+    torque_derivative = torque_rate(fit, case) if case is fit.case else np.zeros_like(case.q)
     friction_jumps = _has_coulomb(case)
     by_motion = motion_shapes(case, rms_speed(fit.case.dq))
     torque, rms_torque = case.torque(fit.theta), np.maximum(np.sqrt(np.mean(fit.torque**2, axis=0)), 1e-12)
@@ -207,6 +208,7 @@ def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, A
     shapes: dict[TermKind, Callable[[int], Array]] = {
         **by_motion,
         TermKind.LOAD: lambda j: by_motion[TermKind.COULOMB](j) * np.abs(load[:, j]),
+        TermKind.GEAR_LOSS: lambda j: by_motion[TermKind.COULOMB](j) * np.abs(torque[:, j]),
         TermKind.DRIFT: lambda j: age * friction[:, j],
         TermKind.GAIN_DRIFT: lambda j: age * torque[:, j],
         TermKind.DELAY: lambda j: -torque_derivative[:, j],

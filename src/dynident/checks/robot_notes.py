@@ -53,6 +53,7 @@ class TermKind(StrEnum):
         ", with the `velocity` at which it has fallen",
     )
     LOAD = "load-dependent friction", "friction that grows with the load", "load_coulomb"
+    GEAR_LOSS = "gear loss", "a loss of the gear by this share of all its torque, with friction,", "load_coulomb"
     GAIN_DRIFT = (
         *("gain that drifts", "a torque whose gain changes over the recording, by twice this share,", ""),
         "Let motor and sensor warm up, and check whether the torque constant depends on the temperature.",

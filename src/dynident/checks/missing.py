@@ -267,7 +267,7 @@ def payload_findings(
     parallel_filter: ParallelFilter | None = None,
     min_speed: tuple[float, ...] | None = None,
 ) -> Iterator[Finding]:
-    """Yield the held-out logs in which the last body is heavier or lighter than in training.
+    """Yield the logs of ``held_out`` in which the last body is heavier or lighter than in training.
 
     The training logs and one other are fitted together, with separate columns for the last body in that log: what
     training does not determine then explains nothing.

@@ -347,13 +347,21 @@ def reversal_findings(
     case = measured_case(model, thin_motions(motions, REVERSAL_SAMPLES), min_speed)
     fit = misfit(case)
     near_reversals = np.concatenate([~steady_mask(motion, REVERSAL_TIME)[indices] for motion, indices in pairs])
+    between_signs = np.concatenate([_between_signs(motion)[indices] for motion, indices in pairs])
+    counted = (fit.weight > 0) & ~between_signs
     for j, joint in enumerate(model.joints):
-        share = _share_near(np.square(fit.residual[:, j]), near_reversals[:, j], fit.weight[:, j] > 0)
+        share = _share_near(np.square(fit.residual[:, j]), near_reversals[:, j], counted[:, j])
         excess_error = 100.0 * share**0.5 * float(fit.error[j])
         if share > MIN_REVERSAL_SHARE and excess_error > MIN_REVERSAL_ERROR:
             width = _smooth_friction_width(case, fit, j)
             severity = Severity.INFO if width else Severity.WARNING
             yield Finding(LeftAtReversals(excess_error, share, width), joint.name, severity=severity)
+
+
+def _between_signs(motion: Motion) -> NDArray[np.bool_]:
+    """Return the two samples (N, n) of each reversal, of whose signs of the velocity noise decides."""
+    turns = np.pad(np.diff(np.signbit(motion.dq), axis=0), ((1, 1), (0, 0)))
+    return np.asarray(turns[1:] | turns[:-1])
 
 
 def _smooth_friction_width(case: FitCase, fit: Misfit, j: int) -> float:

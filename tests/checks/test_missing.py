@@ -21,6 +21,8 @@ from dynident.checks.missing import (
 from dynident.checks.robot_notes import MissingTerm, TermKind
 from dynident.checks.suspects import find_ripple
 from dynident.identification.terms import TermChoice, TermTrial, TrialOutcome, library_kinds
+from dynident.models import Model
+from dynident.models.friction import Ripple
 from dynident.motion.log import Motion
 from dynident.runtime import Finding, Severity, Use
 from tests.checks.moving_arm import MOVED, VALUES, arm, case, motion, truth, with_torque
@@ -192,6 +194,15 @@ def test_torques_in_time_are_not_named_even_where_friction_reverses_late() -> No
     sign = np.sign(PUNCTUAL.dq[:, 2])
     late = np.interp(PUNCTUAL.t - 0.02, PUNCTUAL.t, sign)
     assert find_delays(with_torque(VALUES["coulomb"] * (late - sign), 2, PUNCTUAL)) == []
+
+
+@pytest.mark.parametrize(("delay", "is_named"), [(0.0008, False), (0.004, True)])
+def test_a_ripple_that_is_a_cycle_late_is_no_delay(delay: float, is_named: bool) -> None:
+    bodies, *terms = arm().terms
+    model = Model((bodies, *terms, Ripple(bodies.joints, on=("j1",), cycles=(30.0,))))
+    late = with_torque(5.0 * np.sin(30.0 * (Q - delay * DQ)), moved=motion(noise=0.002))
+    effects = {effect.kind for effect in find_missing_effects(misfit(case(late, model)))}
+    assert (TermKind.DELAY in effects) == is_named
 
 
 def test_recordings_too_short_to_be_shifted_say_nothing() -> None:

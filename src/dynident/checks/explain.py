@@ -13,6 +13,7 @@ from dynident.checks.alternatives import better_alternative
 from dynident.checks.low_pass import low_pass_findings
 from dynident.checks.misfit import CASE_SAMPLES, FitCase, Misfit, column_of_joint, fit_cases, measured_case, misfit
 from dynident.checks.missing import (
+    MIN_DELAY,
     Cost,
     MissingEffect,
     cost,
@@ -52,7 +53,6 @@ MIN_HALF_WIDTH = 5e-3  # s, least half width of the differences by time
 MAX_DELAY_PER_WIDTH, WIDTH_PER_DELAY = 0.8, 1.5
 MIN_DELAY_SIGNIFICANCE = 2.5  # standard errors of the low-passed torque
 MIN_DELAY_SHARE = 0.1  # share of the joint's squared residual, as measured, that its delay must explain
-MIN_DELAY = 1e-3  # s
 
 
 def delay_findings(

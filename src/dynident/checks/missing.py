@@ -90,6 +90,7 @@ def _faster_torque(fit: Misfit) -> Array:
 TIME_STEP = 1e-4  # s, of the differences in time
 MIN_JOINT_SHARE = 0.1  # share of a joint's squared residual that an effect of its own must explain to be reported
 MIN_TORQUE_SHARE = 0.005  # share of a joint's torque (rms) below which an effect is none
+MIN_DELAY = 1e-3  # s: a shorter one is that of a cycle, or of a ripple
 MIN_WARNING_SHARE = 0.4  # ... and to be warned of
 MIN_OPEN_GAIN = 10.0  # %, of the squared error: a term that gains more, but within its error, was not refused
 LIBRARY_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR)  # terms of the library
@@ -164,7 +165,8 @@ def _is_significant(kind: TermKind, j: int, partner: int | None, score: ScoreTes
     ``error`` (n) is the share of the torque that the fit leaves.
     """
     share = float(score.by_joint[j])
-    is_sensible = kind not in POSITIVE_TERMS or score.value > 0
+    least = MIN_DELAY if kind is TermKind.DELAY else 0.0
+    is_sensible = (score.value if kind in POSITIVE_TERMS else abs(score.value)) > least
     is_mutual = kind is not TermKind.COUPLED or partner is None or score.by_joint[partner] > MIN_JOINT_SHARE
     # cheap tests come first, as most effects fail them
     if not (share > MIN_JOINT_SHARE and share**0.5 * error[j] > MIN_TORQUE_SHARE and is_sensible and is_mutual):

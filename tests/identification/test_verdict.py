@@ -262,6 +262,7 @@ def test_what_residuals_point_to_becomes_advice(good: Identification) -> None:
         (step,) = with_part(good, 1, residuals={"slider": told}).next
         assert isinstance(step, kind)
         assert step.joints == ("slider",)
+        assert getattr(step, "frequencies", (26.0,)) == (26.0,)
         assert 0 < step.gain < good.validations[1].errors.relative_error
 
 

@@ -99,6 +99,12 @@ def test_slow_motion_is_said(seed: int) -> None:
     assert found.message.faster > 3
 
 
+def test_a_check_says_that_all_motion_is_slow() -> None:
+    moved = motion(0, speed=0.02)
+    findings = run_checks(MODEL, {"train": {"log": Log(T, moved.q, moved.tau, moved.joints)}}).findings
+    assert log_notes.SlowMotion in {type(finding.message) for finding in findings}
+
+
 def test_repeats_are_said_with_their_lag() -> None:
     one, other = motion(1), motion(2)
     train = Log(one.t, one.q, one.tau, one.joints)

@@ -84,7 +84,7 @@ def test_a_velocity_over_other_steps_is_found() -> None:
     assert joint is None
     assert isinstance(note, LoopVelocity)
     assert (note.given, note.steps) == (1, 3)
-    assert note.left < 0.1 * note.error
+    assert note.corrected_error < 0.1 * note.error
     assert notes(log, controller=DifferencingLoop(CASCADE, 3)) == []
 
 

@@ -30,14 +30,14 @@ def test_a_torque_that_no_state_explains_is_said_with_its_size_last() -> None:
     assert isinstance(last.message, Unexplained)
     assert (last.severity, last.joint, last.forbids) == (Severity.WARNING, "j3", Use.SIMULATION)
     own = 100 * np.linalg.norm(foreign) / np.linalg.norm(MOVED.tau[:, 2] + foreign)
-    assert last.message.joint_left == pytest.approx(own, rel=0.2)
+    assert last.message.joint_unexplained == pytest.approx(own, rel=0.2)
 
 
 def test_what_is_left_is_of_all_torque() -> None:
     foreign = 0.6 * MOVED.tau[:, 1].std() * np.sin(9.1 * T)
     (one,) = unexplained_findings(misfit(case(with_torque(foreign, 1))))
-    assert one.message.left == pytest.approx(100 * np.linalg.norm(foreign) / np.linalg.norm(MOVED.tau), rel=0.2)
-    assert one.message.left < one.message.joint_left
+    assert one.message.unexplained == pytest.approx(100 * np.linalg.norm(foreign) / np.linalg.norm(MOVED.tau), rel=0.2)
+    assert one.message.unexplained < one.message.joint_unexplained
 
 
 def test_what_an_odd_log_explains_is_not_left() -> None:
@@ -61,7 +61,7 @@ def test_what_is_left_at_the_reversals_of_a_joint_is_said(joint: int) -> None:
     assert isinstance(one.message, LeftAtReversals)
     assert (one.severity, one.joint, one.forbids) == (Severity.WARNING, f"j{joint + 1}", None)
     whole = np.linalg.norm(MOVED.tau[:, joint] + extra)
-    assert one.message.left == pytest.approx(100 * np.linalg.norm(extra) / whole, rel=0.25)
+    assert one.message.unexplained == pytest.approx(100 * np.linalg.norm(extra) / whole, rel=0.25)
     assert 0.4 < one.message.share < 1.0
 
 

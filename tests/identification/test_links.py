@@ -43,13 +43,13 @@ def test_errors_are_those_of_drawn_parameters() -> None:
     link = all_known(root @ root.T * 1e-4)
     drawn = THETA + 1e-2 * np.random.default_rng(1).standard_normal((4000, 10)) @ root.T
     np.testing.assert_allclose(link.std, np.std([values(one) for one in drawn], axis=0), rtol=0.05)
-    np.testing.assert_allclose(link.found.values, values(THETA))
+    np.testing.assert_allclose(link.identified.values, values(THETA))
     assert link.sure.all()
     assert link.main_source is DeterminedBy.DATA
 
 
 def test_an_ellipsoid_has_the_inertia_of_its_body() -> None:
-    body = all_known(np.eye(10)).found
+    body = all_known(np.eye(10)).identified
     a, b, c = body.ellipsoid
     expected = body.mass / 5 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
     np.testing.assert_allclose(expected, body.moments)
@@ -66,7 +66,7 @@ def test_least_squares_does_not_choose() -> None:
     links = link_inertias(identified())
     assert [one.name for one in links] == ["turret", "slide", "<b>hand", "finger"]
     assert links[0].links == ("turret", "camera")
-    assert all(one.found is None for one in links)
+    assert all(one.identified is None for one in links)
     assert not any(one.sure.any() for one in links)
     np.testing.assert_allclose(links[2].file.values[:4], [0.7, 0, 0.02, 0.1])
     assert set(determined_by(identified())) == {DeterminedBy.DATA, DeterminedBy.COMBINATION, DeterminedBy.NOTHING}
@@ -76,13 +76,13 @@ def test_least_squares_does_not_choose() -> None:
 def test_a_consistent_estimate_has_values_and_what_the_data_contribute_to_their_errors() -> None:
     found = identified(PhysicallyConsistent())
     for one in link_inertias(found):
-        assert np.isfinite(one.found.values).all()
+        assert np.isfinite(one.identified.values).all()
         assert np.isfinite(one.std).all()
-        assert one.found.ellipsoid is not None
+        assert one.identified.ellipsoid is not None
         assert set(one.by) <= {DeterminedBy.DATA, DeterminedBy.PRIOR, DeterminedBy.BOUND}
     own = [k for k, one in enumerate(found.model.parameters) if one.body == "finger"]
     finger = link_inertias(found)[3]
-    np.testing.assert_allclose(finger.found.values, values(found.estimate.value[own]), atol=1e-12)
+    np.testing.assert_allclose(finger.identified.values, values(found.estimate.value[own]), atol=1e-12)
 
 
 def test_what_the_base_parameters_hold_alone_is_sure() -> None:

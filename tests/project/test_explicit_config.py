@@ -36,7 +36,7 @@ QUICK = {
     "train": [{"file": "logs/mon: #day.csv", "window": [0, 8]}],
     "validation": [{"file": "logs/tuesday.csv", "window": [0, 4]}],
 }
-NAMES = {"j1": "on", "j2": "no: \"#x'", "j3": "terms"}
+NAMES = {"j1": "on", "j2": "no: \"#x'", "j3": "épaule"}
 MINE = """
 from dataclasses import dataclass
 
@@ -109,7 +109,9 @@ def test_nothing_in_it_is_left_to_choose(chosen: Identification, tmp_path: Path)
     assert not config.model.chooses_terms
     assert isinstance(config.time_offset, float)
     assert config.model.base_tilt == "none" or isinstance(config.model.base_tilt, tuple)
-    assert "rule: torque" not in (tmp_path / "fixed.yaml").read_text()
+    text = (tmp_path / "fixed.yaml").read_text(encoding="utf-8")
+    assert "rule: torque" not in text
+    assert r"\xE9" not in text  # names stay readable
 
 
 def test_comments_say_why_and_end_with_their_line(chosen: Identification, tmp_path: Path) -> None:
@@ -179,9 +181,9 @@ def test_a_result_without_terms_is_of_the_bodies_alone(tmp_path: Path) -> None:
 
 def test_other_sections_are_kept(tmp_path: Path) -> None:
     path = write(
-        tmp_path / "a", ["viscous"], zero={"on": 0.1}, filter={"decimate": 2}, min_speed={"terms": 0.01}, **QUICK
+        tmp_path / "a", ["viscous"], zero={"on": 0.1}, filter={"decimate": 2}, min_speed={"épaule": 0.01}, **QUICK
     )
     data: Mapping[str, Any] = explicit_settings(run(path), tmp_path)
     assert data["zero"] == {"on": 0.1}
     assert data["filter"] == {"decimate": 2}
-    assert data["min_speed"] == {"terms": 0.01}
+    assert data["min_speed"] == {"épaule": 0.01}

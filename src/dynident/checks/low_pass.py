@@ -52,15 +52,15 @@ def low_pass_findings(
         Y = np.asarray(sum(regressor(direction * (offset - lag * x)) for x in QUANTILES) / len(QUANTILES))
         return _squared_residual(Y, tau, keep)
 
-    late = _squared_residual(regressor(0.0), tau, keep)
-    weight = 1.0 / np.maximum(late.sum(axis=0), 1e-300)
+    unfiltered = _squared_residual(regressor(0.0), tau, keep)
+    weight = 1.0 / np.maximum(unfiltered.sum(axis=0), 1e-300)
     lags = [ratio * offset for ratio in LAG_RATIOS]
     trials = [(lag, filter_residual(lag)) for lag in lags]
-    lag, left = min(trials, key=lambda trial: float((trial[1] * weight).sum()))
-    shares = 1.0 - (left * weight).sum(axis=0)
-    folds = [float((part * weight).sum()) for part in np.array_split(late - left, FOLDS)]
+    lag, filtered = min(trials, key=lambda trial: float((trial[1] * weight).sum()))
+    shares = 1.0 - (filtered * weight).sum(axis=0)
+    folds = [float((part * weight).sum()) for part in np.array_split(unfiltered - filtered, FOLDS)]
     backward = min(float((filter_residual(lag, -1) * weight).sum()) for lag in lags)
-    is_causal = (left * weight).sum() < MAX_BACKWARD_RATIO * backward
+    is_causal = (filtered * weight).sum() < MAX_BACKWARD_RATIO * backward
     if is_causal and shares.mean() > MIN_SHARE and np.count_nonzero(np.array(folds) > 0) >= MIN_BETTER_FOLDS:
         removed = tuple((x.name, float(y)) for x, y in zip(model.joints, shares, strict=True) if y > 0)
         note = LowPassed(1.0 / (2 * np.pi * lag), offset, float(shares.mean()), removed)

@@ -66,19 +66,20 @@ class LoopDiffers(Note):
 class LoopGain(Note):
     """The measured torque is ``factor`` times what the controller commands.
 
-    ``error`` and ``left`` are the differences between both without and with the factor, as shares of the torque.
+    ``error`` and ``corrected_error`` are the differences between both without and with the factor, as shares of the
+    torque.
     """
 
     topic = "loop"
     factor: float
     error: float
-    left: float
+    corrected_error: float
 
     def __str__(self) -> str:
         return (
             f"the measured torque is {short(self.factor, 3)} times what the controller asks for (they differ by "
-            f"{percent(100 * self.error)}, with this factor by {percent(100 * self.left)}). Check its gains and that "
-            f"of the torque. {ASTRAY}"
+            f"{percent(100 * self.error)}, with this factor by {percent(100 * self.corrected_error)}). Check its gains "
+            f"and that of the torque. {ASTRAY}"
         )
 
 
@@ -100,22 +101,22 @@ class LoopUnused(Note):
 class LoopVelocity(Note):
     """The number of steps over which drives difference positions: as ``given``, and as it fits the measured torque.
 
-    ``error`` and ``left`` are the shares of the torque that do not fit with the given and with the fitted number;
-    zero steps where the drives are faster than they are said to be.
+    ``error`` and ``corrected_error`` are the shares of the torque that do not fit with the given and with the fitted
+    number; zero steps where the drives are faster than they are said to be.
     """
 
     topic = "loop"
     given: int
     steps: int
     error: float
-    left: float
+    corrected_error: float
 
     def __str__(self) -> str:
         better = f"over {self.steps}" if self.steps else "with the velocity of the moment"
         setting = f"`velocity_steps: {self.steps}`, or the drive's `period`" if self.steps else "the drive's `period`"
         return (
             f"with its velocity over {count(self.given, 'step')}, the controller asks for a torque that differs from "
-            f"the measured one by {percent(100 * self.error)}, {better} by {percent(100 * self.left)}. Give "
+            f"the measured one by {percent(100 * self.error)}, {better} by {percent(100 * self.corrected_error)}. Give "
             f"{setting}. {ASTRAY}"
         )
 

@@ -347,14 +347,14 @@ class TermLeftOut(MissingTerm):
 class LeftAtReversals(Note):
     """The residual torque near the reversals of a joint.
 
-    ``left`` % of its torque are left within 50 ms of them, beyond what is left elsewhere. ``share`` is its share
-    of the joint's squared residual as measured. Backlash and elastic gears do this, and friction that builds up
+    Within 50 ms of them, ``unexplained`` % more of its torque is unexplained than elsewhere. ``share`` is its share of
+    the joint's squared residual as measured. Backlash and elastic gears do this, and friction that builds up
     gradually, which the torque alone does not tell. ``width`` (rad/s or m/s) is that of a friction whose sign turns
     smoothly and which explains it, 0 where none does.
     """
 
     topic = "unexplained"
-    left: float
+    unexplained: float
     share: float
     width: float = 0.0
 
@@ -367,26 +367,26 @@ class LeftAtReversals(Note):
             "that builds up gradually looks the same. `min_speed` leaves slow samples out."
         )
         return (
-            f"{percent(self.left, 2)} of its torque is unexplained near its reversals (50 ms), beyond what is "
+            f"{percent(self.unexplained, 2)} of its torque is unexplained near its reversals (50 ms), beyond what is "
             f"unexplained elsewhere: {100 * self.share:.0f} % of the joint's squared residual. {cause}"
         )
 
 
 class Unexplained(Note):
-    """The low-passed torque that is neither white noise nor explained by anything searched: ``left`` % of it.
+    """The low-passed torque that is neither white noise nor explained by anything searched: ``unexplained`` % of it.
 
-    ``joint_left`` (%) is that of the joint of the finding, of which the most is left. The model lacks something,
-    unless the sensors' noise is slow: that forbids simulation.
+    ``joint_unexplained`` (%) is that of the joint of the finding, of which the most is unexplained. The model lacks
+    something, unless the sensors' noise is slow: that forbids simulation.
     """
 
     topic = "unexplained"
     forbids = Use.SIMULATION
-    left: float
-    joint_left: float
+    unexplained: float
+    joint_unexplained: float
 
     def __str__(self) -> str:
         return (
-            f"{percent(self.left, 2)} of the torque is unexplained and not white noise, most at this joint "
-            f"({percent(self.joint_left, 2)} of its torque). None of the causes that were tried explains it. The model "
-            "lacks an effect, unless the sensors have slow noise: look at the residual in the report."
+            f"{percent(self.unexplained, 2)} of the torque is unexplained and not white noise, most at this joint "
+            f"({percent(self.joint_unexplained, 2)} of its torque). None of the causes that were tried explains it. "
+            "The model lacks an effect, unless the sensors have slow noise: look at the residual in the report."
         )

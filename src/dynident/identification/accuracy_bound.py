@@ -209,7 +209,7 @@ def _compute_bound(
             with np.errstate(invalid="ignore"):  # infinite ones have none
                 correlations = covariance / np.outer(std[name], std[name])
     # with all others known, the variance is the inverse of the diagonal of the information
-    known = 1.0 / np.sqrt(np.diag(sums["now"]))
+    least_std = 1.0 / np.sqrt(np.diag(sums["now"]))
     strong = np.nan_to_num(correlations) - np.eye(len(columns))
     partner = np.abs(strong).argmax(axis=1)
     return AccuracyBound(
@@ -220,7 +220,7 @@ def _compute_bound(
         units=tuple(identification.estimate.units[k] for k in columns),
         value=basis.to_base(theta),
         std=std,
-        conditional_std=known,
+        conditional_std=least_std,
         partner=partner,
         correlation=np.take_along_axis(strong, partner[:, None], axis=1)[:, 0],
         fit=_fit_std(identification, basis),

@@ -71,19 +71,19 @@ class BodyInertia(Noun):
 class LinkInertia(Noun):
     """A link with the ``links`` fixed to it, at index ``body`` of ``Arm.bodies``.
 
-    ``file`` and ``found`` are its inertia in the robot file and as identified, None where not known; ``by``
+    ``file`` and ``identified`` are its inertia in the robot file and as identified, None where not known; ``by``
     counts what its ten parameters are determined by, of those that matter.
 
     ``std`` (7) are standard errors of the identified mass, centre and moments, to first order; nan where they are
     not known. ``sure`` (7) marks those that the data alone determine. What the data leave open of the others was
-    decided by the prior, whose error comes on top; where the estimator has none, such a value of ``found`` is
+    decided by the prior, whose error comes on top; where the estimator has none, such a value of ``identified`` is
     nan.
     """
 
     links: tuple[str, ...]
     body: int
     file: BodyInertia | None
-    found: BodyInertia | None
+    identified: BodyInertia | None
     std: Array
     sure: NDArray[np.bool_]
     by: Mapping[DeterminedBy, int]

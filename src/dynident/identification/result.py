@@ -184,9 +184,9 @@ class Identification(KeepsFacts):
 
         schema = {"name": pl.String, **dict.fromkeys(("value", "std", "std_independent"), pl.Float64)}
         schema |= dict.fromkeys(("unit", "determined_by"), pl.String)
-        known = pl.Series("known", [parameter.value for parameter in self.model.parameters], pl.Float64)
+        known_values = pl.Series("known", [parameter.value for parameter in self.model.parameters], pl.Float64)
         rows = pl.DataFrame(list(self.parameters.values()), schema, orient="row")
-        return rows.rename({"name": "parameter"}).with_columns(known)
+        return rows.rename({"name": "parameter"}).with_columns(known_values)
 
     @property
     def findings(self) -> Messages[Finding]:

@@ -75,8 +75,8 @@ class TimeOffset(Note):
         lagging, leading = ("positions", "torques") if self.seconds > 0 else ("torques", "positions")
         size = f"{short(1e3 * abs(self.seconds), 2)}" + (f" +- {short(error, 1)}" if has_error else "")
         is_usual = abs(self.seconds) <= MAX_USUAL_OFFSET
-        late = ", which is more than filters and buses take: look for two clocks or a buffer"
-        cause = self._filter if is_usual else late
+        large = ", which is more than filters and buses take: look for two clocks or a buffer"
+        cause = self._filter if is_usual else large
         return (
             f"{lagging} are stamped {size} ms later than {leading}{cause}; correcting this lowers the "
             f"training error from {percent(self.before)} to {percent(self.after)}"
@@ -118,20 +118,20 @@ def align_motion(
     predicts better. ``cache`` keeps the motions by each smoother, for another call.
     """
     choice: SmootherChoice | None = None
-    known: dict[int, tuple[Motion, ...]] = {} if cache is None else cache
+    motion_cache: dict[int, tuple[Motion, ...]] = {} if cache is None else cache
 
     def choose(candidates: Sequence[Smoother]) -> Smoother:
         if len(candidates) == 1:
             return candidates[0]
         nonlocal choice
-        choice = choose_smoother(model, logs, candidates, motion_cache=known, executor=executor)
+        choice = choose_smoother(model, logs, candidates, motion_cache=motion_cache, executor=executor)
         return choice.smoother
 
     def smooth_by_joint(best: Smoother) -> Smoother:
         nonlocal choice
         if choice is None or not by_joint:
             return best
-        choice = choose_by_joint(model, logs, choice, known)
+        choice = choose_by_joint(model, logs, choice, motion_cache)
         return choice.smoother
 
     if time_offset != "estimate":
@@ -148,7 +148,8 @@ def align_motion(
     report_progress(Step("estimating the time offset"))
     excerpt_logs = cut_excerpts(logs)
     motions = [
-        model.remembering(motion) for motion in known.get(id(best)) or [smooth_log(best, log) for log in excerpt_logs]
+        model.remembering(motion)
+        for motion in motion_cache.get(id(best)) or [smooth_log(best, log) for log in excerpt_logs]
     ]
     usable = [k for k, motion in enumerate(motions) if fitted_mask(motion).any()]  # not a log that is excluded wholly
     excerpt_logs, motions = [excerpt_logs[k] for k in usable], [motions[k] for k in usable]

@@ -115,9 +115,10 @@ def _coordinates(X: Array) -> Array:
 
     Directions that the rows do not determine are left out.
     """
-    scale = np.linalg.norm(X, axis=(0, 1))
-    scale = np.where(scale > 0, scale, 1.0)
-    triangles = [np.linalg.qr((part / scale).reshape(-1, X.shape[2]), mode="r") for part in np.array_split(X, N_PARTS)]
-    _, singular, directions = np.linalg.svd(np.linalg.qr(np.concatenate(triangles), mode="r"))
-    is_determined = singular > RANK_TOLERANCE * singular.max(initial=0.0)
-    return np.asarray(directions[: len(singular)][is_determined].T / singular[is_determined] / scale[:, None])
+    rows = X.reshape(-1, X.shape[2])
+    gram = rows.T @ rows
+    size = np.sqrt(np.diag(gram))
+    scale = np.where(size > 0, size, 1.0)
+    values, directions = np.linalg.eigh(gram / np.outer(scale, scale))
+    is_determined = values > RANK_TOLERANCE**2 * values.max(initial=0.0)
+    return np.asarray(directions[:, is_determined] / np.sqrt(values[is_determined]) / scale[:, None])

@@ -200,13 +200,13 @@ class _JointPieces(Noun):
 def _turned_rows(part: Regression, errors: Regression, theta: Array, w: Array, turns: Sequence[Array]) -> list[Array]:
     """Return for each joint the weighted and turned rows (b, N) of a stretch, and below them its residual."""
     blocks = list(part.entries(theta=theta))
-    whole = [np.concatenate([w[j] * block.joint_rows(j) for block in blocks], axis=1) for j in range(len(w))]
+    weighted_rows = [np.concatenate([w[j] * block.joint_rows(j) for block in blocks], axis=1) for j in range(len(w))]
     if errors.weights is not part.weights:
         series = errors.residuals(theta)
         residuals = np.concatenate([np.where(True if keep is None else keep, e, 0.0) for *_, e, keep in series])
-        for rows, error in zip(whole, (residuals * w).T, strict=True):
+        for rows, error in zip(weighted_rows, (residuals * w).T, strict=True):
             rows[-1] = error
-    return [np.concatenate([turn @ rows[:-1], rows[-1:]]) for turn, rows in zip(turns, whole, strict=True)]
+    return [np.concatenate([turn @ rows[:-1], rows[-1:]]) for turn, rows in zip(turns, weighted_rows, strict=True)]
 
 
 def _match_moments(joints: Sequence[_JointPieces], share: float) -> tuple[Array, Array]:

@@ -273,8 +273,8 @@ def validate(
     filtered = _filter_torques(motion, predicted, selection)
     rmse = dict(zip(motion.joints, map(float, error), strict=True))
     limits = {joint: limit.effort for joint, limit in model.limits.items() if joint in rmse and limit.effort}
-    left, total = np.var(measured - predicted_used, axis=0), np.var(measured, axis=0)
-    r2 = 1.0 - np.divide(left, total, out=np.full(len(total), np.nan), where=total > 0)
+    unexplained, total = np.var(measured - predicted_used, axis=0), np.var(measured, axis=0)
+    r2 = 1.0 - np.divide(unexplained, total, out=np.full(len(total), np.nan), where=total > 0)
     return LogValidation(
         name=name or motion.source,
         role=role,

@@ -22,7 +22,7 @@ from dynident.apps.fleets import (
 )
 from dynident.apps.fleets.changes_report import RobotTrends, change_words
 from dynident.apps.fleets.figures import MAX_POINTS, MAX_SMALL_POINTS
-from dynident.apps.fleets.report import fleet_findings, fleet_page, fleet_tables
+from dynident.apps.fleets.report import fleet_findings, fleet_page, fleet_tables, robot_table
 from dynident.models import Joint
 from dynident.regression import GroupKind
 from dynident.report.figures import BLUE
@@ -223,6 +223,14 @@ def test_torque_that_the_model_leaves_is_worded_with_what_to_do_and_drawn(found)
     page = own(fleet_page(made))
     assert page.count("torque that the model leaves at elbow rose") >= 2  # in words and below the figure
     assert "+50.0 +- 3.0 %" in str(fleet_tables(made)[0].rows)
+
+
+def test_robots_with_changes_come_first_and_then_those_whose_logs_fail():
+    rows = [
+        {"robot": robot, "status": status, "type": "", "error": 1.0, "date": None}
+        for robot, status in (("a", Status.OK), ("b", Status.FAILED), ("c", Status.OK))
+    ]
+    assert [row[0] for row in robot_table(rows, {"c": 1}, 9).rows] == ["c", "b", "a"]
 
 
 def test_a_quiet_fleet():

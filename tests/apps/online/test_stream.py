@@ -150,6 +150,9 @@ def test_the_next_file_may_have_its_names_or_not(tmp_path: Path) -> None:
         row = "20,1.0,180,1,1" if head == ["t,b,a,m.0,m.1"] else "20,180,1.0,1,1,"
         found = one.push([*head, row])
         np.testing.assert_allclose(found.q, [[np.pi, 1.0]])
+        bad = one.push(["nonsense"]).bad
+        assert bad is not None
+        assert bad.line == len(head) + 2  # counted in the new file
 
 
 def test_dates_count_from_the_first_midnight(tmp_path: Path) -> None:
@@ -221,7 +224,7 @@ def test_a_saved_position_is_read_on_from_where_the_file_is_found(log: Path, fil
         log.write_bytes(b"other head\n")
         reads = [(b"other head\n", True, False)]
     with closing(FollowedFile(log, position)) as other:
-        assert other.found == (change != "another")
+        assert other.resumes == (change != "another")
         assert [other.read() for _ in reads] == reads
 
 

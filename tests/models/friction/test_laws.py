@@ -95,6 +95,11 @@ def test_meanings_are_those_of_each_joint(term, words):
     assert [one.expression for one in term.parameters] == words
 
 
+def test_cycles_that_are_listed_twice_are_named():
+    with pytest.raises(ModelError, match="cycles of joint 'wrist' list 40 twice"):
+        Ripple(JOINTS[::2], cycles={"base": (40, 80), "wrist": (20, 40, 40)})
+
+
 def test_names_expressions_and_values_can_be_given():
     (parameter,) = Viscous(JOINTS, on=("rail",), names=("mu",), expressions=("mu1",), values=(0.6,)).parameters
     assert (parameter.name, parameter.expression, parameter.value) == ("mu", "mu1", 0.6)

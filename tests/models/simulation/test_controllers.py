@@ -60,6 +60,18 @@ def test_a_loop_gives_back_what_it_made_from_any_sample_on() -> None:
     np.testing.assert_allclose(again.tau[0], made.tau[100], atol=1e-2)
 
 
+def test_the_first_speed_that_a_controller_sees_is_that_of_the_motion_at_uneven_stamps_too() -> None:
+    seen = list[np.ndarray]()
+
+    def law(t: float, q: np.ndarray, dq: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        seen.append(dq)
+        return 10 * (wanted - q) - 0.2 * dq
+
+    uneven = replace(MOTION, t=T + 0.25 * T**2)
+    simulate_recording(ARM, LINKED, uneven, replace(loop("function", uneven), law=law), rows=slice(100, 130))
+    np.testing.assert_allclose(seen[0], uneven.dq[100], rtol=1e-9)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_are_those_of_the_law(kind: str) -> None:
     from dynident.models.simulation import ControllerInput

@@ -24,10 +24,10 @@ def test_file_and_found_stand_side_by_side() -> None:
     hand, known = mass.rows[2], link_inertias(found)[2]
     assert hand[0] == "<b>hand"
     assert hand[1] == "0.700"
-    assert float(hand[2]) == pytest.approx(known.found.mass, rel=5e-3)
-    assert float(hand[11].replace("−", "-")) == pytest.approx(1e3 * known.found.centre[2], rel=5e-3)
+    assert float(hand[2]) == pytest.approx(known.identified.mass, rel=5e-3)
+    assert float(hand[11].replace("−", "-")) == pytest.approx(1e3 * known.identified.centre[2], rel=5e-3)
     assert mass.rows[0][0] == "turret (+1)"
-    assert float(moments.rows[2][2]) == pytest.approx(known.found.moments[0], rel=5e-3)
+    assert float(moments.rows[2][2]) == pytest.approx(known.identified.moments[0], rel=5e-3)
     assert moments.rows[0][3] == "open"  # the error of what the prior has chosen is not known
     kinds = (DeterminedBy.DATA, DeterminedBy.PRIOR)
     for row, link in zip(by.rows, link_inertias(found), strict=True):
@@ -38,7 +38,7 @@ def test_what_is_sure_in_part_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     first, *others = link_inertias(identified())
     value = BodyInertia(2.5, np.full(3, np.nan), np.full(3, np.nan), np.eye(3))
     sure = np.arange(7) == 0
-    known = replace(first, found=value, std=np.full(7, 0.1), sure=sure)
+    known = replace(first, identified=value, std=np.full(7, 0.1), sure=sure)
     monkeypatch.setattr(module, "link_inertias", lambda _: (known, *others))
     (section,) = link_section(identified())
     mass = next(one for one in section.blocks if isinstance(one, PageTable))

@@ -187,8 +187,8 @@ def _config_data(project: ExcitationProject) -> tuple[Mapping[str, Any], Path]:
         if project.gripper is not None:
             data |= {"model": {**data["model"], "lock": dict(project.gripper.positions)}}
         return data, Path(project.config.path).parent
-    found = project.prior.identification
-    source = SourceFile(str(project.path)) if found is None else found.provenance.model
+    identification = project.prior.identification
+    source = SourceFile(str(project.path)) if identification is None else identification.provenance.model
     lock = {} if project.gripper is None else {"lock": dict(project.gripper.positions)}
     return ({} if source is None else {"model": {"file": source.path, **lock}}), Path()
 

@@ -133,8 +133,8 @@ def usual_arm(model: Model, limits: MotionLimits) -> KnownArm | None:
     """Return the well-known arm of a model; None where it is none, or no rule stands for one of its limits."""
     arm = find_arm({joint.name: model.limits.get(joint.name, RobotJointLimits()) for joint in model.joints})
     ruled = {(joint, kind) for joint, kinds in limits.by_rule.items() for kind in kinds}
-    known = {(joint, kind) for joint, kinds in arm.limits.items() for kind in kinds} if arm else set()
-    return arm if ruled & known else None
+    arm_limits = {(joint, kind) for joint, kinds in arm.limits.items() for kind in kinds} if arm else set()
+    return arm if ruled & arm_limits else None
 
 
 def _file_limits(model: Model) -> dict[str, LimitValues]:

@@ -106,9 +106,9 @@ class ExcitationProject(Noun):
     def design(self, executor: Executor | None = None) -> Design:
         """Return the most informative motion; raises the errors of ``dynident.apps.excitation.design``."""
         report_progress("reading the shapes of the links")
-        known, rng = self.prior, np.random.default_rng(self.settings.seed)
+        prior, rng = self.prior, np.random.default_rng(self.settings.seed)
         return design(
-            known.model, known.theta, self.limits, self.space, self.request, rng, shapes=self.shapes, executor=executor
+            prior.model, prior.theta, self.limits, self.space, self.request, rng, shapes=self.shapes, executor=executor
         )
 
 

@@ -131,7 +131,7 @@ def map_columns(
     time = time_column(table, column_families, rows, ros, nameless=nameless)
     matches = {key: match for key, match in (("position", position), ("torque", torque)) if match}
     commands = command_columns(table, usable, position) if torque is None else {}
-    left = [name for name in _unused_columns(table, rows, time, matches.values()) if name not in commands.values()]
+    unused = [name for name in _unused_columns(table, rows, time, matches.values()) if name not in commands.values()]
     locked = _lock_positions(table, joints, names, signals)
     positions = (
         (joint.name, signals.get(joint.name, _missing_channel(joint, POSITIONS))) for joint in identified_joints
@@ -142,8 +142,8 @@ def map_columns(
         torque=_torque_channels(table, identified_joints, torque, ros),
         lock={name: (q, "" if name in still else why) for name, (q, why) in locked.items()},
         reasons={key: match.reason + _unit_reason(match.family, ros) for key, match in matches.items()},
-        unused=tuple(left),
-        unknown_joints=_unknown_joint_columns(left, position, joints),
+        unused=tuple(unused),
+        unknown_joints=_unknown_joint_columns(unused, position, joints),
         gaps=has_gaps(table, time),
         still_joints=tuple(name for name in still if name not in names),
         command={name: replace(signals[name], column=column) for name, column in commands.items() if name in names},

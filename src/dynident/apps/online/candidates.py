@@ -170,7 +170,7 @@ class Candidates(Noun):
             if is_base_group(group):
                 gain, rank = gains(u[None, part], information[:, part, part], covariance[:, part, part])
                 u[part] *= np.sqrt(min(1.0, _max_gain(int(rank[0]), reference.dof) / max(float(gain[0]), MIN_POSITIVE)))
-        z = (block.left - reference.left) / reference.left_std
+        z = (block.level - reference.level) / reference.level_std
         # levels of residuals in units of their usual spread
         is_known = np.isfinite(z)
         max_z = np.sqrt(_max_gain(1, reference.dof) * (1 + self._residual_wander(reference) ** 2))
@@ -181,7 +181,7 @@ class Candidates(Noun):
 
     def _residual_wander(self, reference: Reference) -> Array:
         """Return how far (n) the residual level of a joint may be off in all blocks, in spreads of one block."""
-        return reference.left_error + RESIDUAL_TOLERANCE / reference.left_std
+        return reference.level_error + RESIDUAL_TOLERANCE / reference.level_std
 
     def rebase(self, windows: Sequence[Sums], step: Array) -> tuple[Sums, ...]:
         """Return the sums after the reference has moved by a step (r), with scores relative to the new one."""
@@ -197,11 +197,11 @@ class Candidates(Noun):
         information, covariance = self.covariances(reference, sums, self.tolerance)
         unclipped = (sums["score"] - sums["information"] @ reference.value) @ self.directions
         # clipped scores show that there is a change, unclipped ones which it is
-        scores, residuals = (sums["clipped"], sums["left_clipped"]) if clipped else (unclipped, sums["left"])
+        scores, residuals = (sums["clipped"], sums["clipped_level"]) if clipped else (unclipped, sums["level"])
         gains_and_ranks = [
             gains(scores[:, part], information[:, part, part], covariance[:, part, part])
             if is_base_group(group)
-            else self._residual_gains(reference, residuals, sums["left_count"], residual_joint(group))
+            else self._residual_gains(reference, residuals, sums["level_count"], residual_joint(group))
             for group, part in zip(self.groups, self.group_slices, strict=True)
         ]
         return np.stack([evidence(gain, rank, reference.dof) for gain, rank in gains_and_ranks])
@@ -250,14 +250,14 @@ class Candidates(Noun):
     ) -> tuple[Array, Array]:
         """Return the change of the logarithm of a joint's residual (rms) in a window (1), and its error."""
         j = residual_joint(group)
-        count, spread = sums["left_count"][0, j], reference.left_std[j] / 2  # of a mean square it is twice
-        return spread * sums["left"][0, [j]] / count, np.array([spread / np.sqrt(count)])
+        count, spread = sums["level_count"][0, j], reference.level_std[j] / 2  # of a mean square it is twice
+        return spread * sums["level"][0, [j]] / count, np.array([spread / np.sqrt(count)])
 
     def _residual_gains(
         self, reference: Reference, residuals: Array, counts: Array, j: int
     ) -> tuple[Array, NDArray[np.intp]]:
         """Return the gains and ranks (S) of a change of a joint's residual."""
-        count, std = counts[:, j], float(reference.left_std[j])
+        count, std = counts[:, j], float(reference.level_std[j])
         is_known = (count > 0) & np.isfinite(std)
         variance = count + (count * self._residual_wander(reference)[j]) ** 2 if np.isfinite(std) else count
         gain = np.divide(residuals[:, j] ** 2, variance, out=np.zeros(len(count)), where=is_known)

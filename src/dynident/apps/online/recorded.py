@@ -43,7 +43,7 @@ class RecordedFile:
         self._identity = {"recording": str(path.absolute()), **self._version()}
         # another recording, or one written anew, is read from its first row
         same = position is not None and {**position, "row": 0} == {**self._identity, "row": 0}
-        self.found = not position or same
+        self.resumes = not position or same
         self.row = int(position["row"]) if position and same else 0
         self._last = math.nan
         self._chunks = self._read_chunks(self.row)

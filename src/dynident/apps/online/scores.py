@@ -51,7 +51,7 @@ class Scores(Noun):
     """Scores of a block of motion from ``start`` to ``stop`` (s), of ``samples``, for the base parameters.
 
     With rows weighted by the joints' noise: ``information`` sum Y' Y (r, r), ``score`` sum Y' e (r).
-    ``left`` (n) is the residual level, the logarithm of each joint's mean square that no base parameters
+    ``level`` (n) is the residual level, the logarithm of each joint's mean square that no base parameters
     explain, nan where no row of the joint is in use; ``residual`` (n) the mean square itself, with what they
     would explain (N m, N).
     """
@@ -61,7 +61,7 @@ class Scores(Noun):
     samples: int
     information: Array
     score: Array
-    left: Array
+    level: Array
     residual: Array
 
 
@@ -150,8 +150,8 @@ class Sums(Noun):
     (r).
 
     ``clipped`` (M) are the scores in the groups' directions relative to the reference, those of single
-    blocks limited. ``left`` (n) are the standardised residual levels, of ``left_count`` (n) blocks, and
-    ``left_clipped`` (n) the same, limited.
+    blocks limited. ``level`` (n) are the standardised residual levels, of ``level_count`` (n) blocks, and
+    ``clipped_level`` (n) the same, limited.
     """
 
     start: float
@@ -161,9 +161,9 @@ class Sums(Noun):
     information: Array
     score: Array
     clipped: Array
-    left: Array
-    left_clipped: Array
-    left_count: Array
+    level: Array
+    clipped_level: Array
+    level_count: Array
 
     def __add__(self, later: Sums) -> Sums:
         """Return the sums over both."""
@@ -201,8 +201,8 @@ class Reference(Noun):
 
     Of the covariance (r, r), ``unknown`` (r, r) is the part that more motion without a change would lessen.
     ``spread`` (M) is the ratio of the variance of the scores in the groups' directions to that of white
-    noise, by ``dof`` degrees of freedom. ``left`` (n) and ``left_std`` (n) are mean and spread of a block's
-    residual level, the logarithm of the mean square that is left of the torque; ``left_error`` (n) is the
+    noise, by ``dof`` degrees of freedom. ``level`` (n) and ``level_std`` (n) are mean and spread of a block's
+    residual level, the logarithm of the mean square that is left of the torque; ``level_error`` (n) is the
     error of that mean, in such spreads. ``residual`` (n) is the root mean square (N m, N).
     """
 
@@ -211,16 +211,16 @@ class Reference(Noun):
     unknown: Array
     spread: Array
     dof: float
-    left: Array
-    left_std: Array
-    left_error: Array
+    level: Array
+    level_std: Array
+    level_error: Array
     residual: Array
 
     def with_residual_change(self, joint: int, step: float) -> Reference:
         """Return the reference after a change of a joint's residual level by ``step``, a difference of logarithms."""
-        levels = self.left.copy()
+        levels = self.level.copy()
         levels[joint] += step
-        return replace(self, left=levels)
+        return replace(self, level=levels)
 
     def learn(self, block: Scores) -> Reference:
         """Return the reference after a block of motion that is new to it."""
@@ -247,7 +247,7 @@ def build_reference(blocks: Sequence[Scores], directions: Array) -> Reference:
     # by how much the scores scatter more than white noise would, direction by direction
     spread = np.array([_score_spread(u[:, m], M[:, m]) for m in range(u.shape[1])])
     covariance = np.asarray(np.linalg.inv(_regularise(A / float(np.median(spread)) + prior)), dtype=float)
-    levels = np.stack([entry.left for entry in blocks])
+    levels = np.stack([entry.level for entry in blocks])
     mean, std = (np.array([entry(x) for x in levels.T]) for entry in (_finite_mean, _long_run_std))
     count = np.isfinite(levels).sum(axis=0)
     residual = np.sqrt(np.array([_finite_mean(x) for x in np.stack([entry.residual for entry in blocks]).T]))

@@ -51,7 +51,7 @@ class StandardInput:
     Raises InputError where there is none.
     """
 
-    found = False
+    resumes = False
 
     def __init__(self) -> None:
         if sys.stdin is None:  # closed by who started this
@@ -80,7 +80,7 @@ class FollowedFile:
 
     def __init__(self, path: Path, position: Mapping[str, Any] | None = None) -> None:
         self.path, self.offset, self._fresh = path, 0, True
-        self.found = not position  # whether it goes on where it was
+        self.resumes = not position  # whether it goes on where it was
         self._stack = ExitStack()
         self._file = self._begin(position if position and "offset" in position else {})
 
@@ -115,7 +115,7 @@ class FollowedFile:
             file = self._open(path)
             # an inode can be reused: the digest of the bytes before the offset tells whether it is the same file
             if position and self._mark(file, int(position["offset"])) == position["mark"]:
-                self.offset, self.found, self._fresh = int(position["offset"]), True, False
+                self.offset, self.resumes, self._fresh = int(position["offset"]), True, False
                 file.seek(self.offset)
                 return file
         return self._open(self.path)

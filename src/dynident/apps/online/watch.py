@@ -193,7 +193,7 @@ class Watch:
         self.events = state["events"]
         stream = self._open_stream(state["position"])
         # the samples may come again: the watcher then skips those that it knows
-        if stream.found:
+        if stream.resumes:
             self.lines.skipping = state["skipping"]
         else:
             self.watcher.resume_by_replay()

@@ -138,8 +138,8 @@ class Task(Noun):
     @property
     def time_offset(self) -> float:
         """The time offset (s) between positions and torque, by the configured smoother."""
-        late = self.recipe.time_offset
-        return float(late) if late != "estimate" else 0.0
+        time_offset = self.recipe.time_offset
+        return float(time_offset) if time_offset != "estimate" else 0.0
 
     def align_smoother(self, parts: Sequence[Smoother], *, is_configured: bool) -> Alignment:
         """Return the alignment of the smoother that is chosen of ``parts``, with its time offset.
@@ -149,9 +149,9 @@ class Task(Noun):
         """
         if is_configured:
             return Alignment(self.recipe.smoothers[0], None, self.offset)
-        late: float | Literal["estimate"] = self.time_offset if self.offset is None else "estimate"
+        time_offset: float | Literal["estimate"] = self.time_offset if self.offset is None else "estimate"
         logs, selection = self.logs.train_logs, self.recipe.selection(self.model.joints)
-        return align_motion(self.model, logs, parts, late, selection)
+        return align_motion(self.model, logs, parts, time_offset, selection)
 
     @cached_property
     def fitted_masks(self) -> Mapping[str, Mapping[str, Mask]]:

@@ -199,13 +199,13 @@ def rollout_difference(
     count = min(math.ceil((log.t[-1] - log.t[0]) / plant.step), MAX_PROOF_STEPS)
     sent = plant.controls(values, log.commands_at(log.t[0] - lead * plant.step, plant.step, count + lead, 0.0))
     steps = values.delay / plant.step
-    whole = math.floor(steps + 1e-9)
-    late = np.vstack([sent[:1]] * (whole + 1) + [sent])
-    late = (1 - (steps - whole)) * late[1 : len(sent) + 1] + (steps - whole) * late[: len(sent)]
+    full_steps = math.floor(steps + 1e-9)
+    delayed = np.vstack([sent[:1]] * (full_steps + 1) + [sent])
+    delayed = (1 - (steps - full_steps)) * delayed[1 : len(sent) + 1] + (steps - full_steps) * delayed[: len(sent)]
     start = log.q[0] - values.offset
     paths = [
         _steps(model, plant, control, start, lead)
-        for model, control in ((written.compile(), sent), (plant.with_values(values), late))
+        for model, control in ((written.compile(), sent), (plant.with_values(values), delayed))
     ]
     return float(np.abs(paths[0] - paths[1]).max())
 

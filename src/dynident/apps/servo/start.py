@@ -111,9 +111,9 @@ def start_values(
     commands = [[late_commands(motion, float(delay)) for motion in motions] for delay in delays]
     unknown = np.isnan(values.kp)
     if unknown.any():
-        kp = max((_common_kp(motions, rigid, late, unknown) for late in commands), key=lambda pair: pair[1])[0]
+        kp = max((_common_kp(motions, rigid, delayed, unknown) for delayed in commands), key=lambda pair: pair[1])[0]
         values = replace(values, kp=np.where(unknown, kp, values.kp))
-    fits = [_linear_fit(motions, rigid, values, late, plant.joints) for late in commands]
+    fits = [_linear_fit(motions, rigid, values, delayed, plant.joints) for delayed in commands]
     costs = np.array([cost for cost, _ in fits])
     best = int(np.argmin(costs))
     table, delay = fits[best][1], float(delays[best])
@@ -149,7 +149,7 @@ def _regression(
 
 
 def _common_kp(
-    motions: Sequence[SmoothLog], rigid: Sequence[Array], late: Sequence[Array], unknown: NDArray[np.bool_]
+    motions: Sequence[SmoothLog], rigid: Sequence[Array], delayed: Sequence[Array], unknown: NDArray[np.bool_]
 ) -> tuple[float, float]:
     """Return one kp of the ``unknown`` joints, and how much of their stretch it explains (a sum of squares).
 
@@ -159,7 +159,7 @@ def _common_kp(
     for j in np.flatnonzero(unknown):
         others = [
             np.column_stack([torque[:, j], command[:, j] - motion.raw[:, j]])
-            for motion, torque, command in zip(motions, rigid, late, strict=True)
+            for motion, torque, command in zip(motions, rigid, delayed, strict=True)
         ]
         friction, matrix = _regression(motions, others, int(j), str(j))
         matrix = matrix - friction @ np.linalg.lstsq(friction, matrix, rcond=None)[0]
@@ -170,7 +170,7 @@ def _common_kp(
 
 
 def _linear_fit(
-    motions: Sequence[SmoothLog], rigid: Sequence[Array], values: ServoValues, late: Sequence[Array],
+    motions: Sequence[SmoothLog], rigid: Sequence[Array], values: ServoValues, delayed: Sequence[Array],
     joints: Sequence[str],
 ) -> tuple[float, Array]:  # fmt: skip
     """Return the residual of a delay, as the sum of the joints' logarithms, and armature, damping, frictionloss."""
@@ -180,7 +180,7 @@ def _linear_fit(
     for j, joint in enumerate(joints):
         sides = [
             torque[:, j] - values.drive_torques(command, motion.raw, motion.dq)[:, j]
-            for motion, torque, command in zip(motions, rigid, late, strict=True)
+            for motion, torque, command in zip(motions, rigid, delayed, strict=True)
         ]
         matrix, side = _regression(motions, sides, j, joint)
         table[:, j], norm = nnls(matrix, side[:, 0])

@@ -252,12 +252,12 @@ def leverage(segment: Segment, hypothesis: Hypothesis, state: State, arrow: Arro
         # look up the block of each interval in the symmetric band of the inverse
         low, high = np.minimum(at[:, :, None], at[:, None, :]), np.maximum(at[:, :, None], at[:, None, :])
         inverse_blocks = inverse[high - low, low]
-        own = segment.is_measured[part.block.points]
+        is_measured = segment.is_measured[part.block.points]
         for j in range(n):
             out[0, j] += (
                 inverse_blocks[:, j::n, j::n] * segment.position_basis.gram[part.block.intervals]
             ).sum() / sigma.q[j] ** 2
-            row = part.rows[:, j, : 5 * n] * own[:, None]
+            row = part.rows[:, j, : 5 * n] * is_measured[:, None]
             out[1, j] += (inverse_blocks * part.block.products(row, row)).sum()
     return out
 

@@ -259,17 +259,17 @@ def transfer_gains(
     folds: Folds,
     test: Array,
     columns: Sequence[int],
-    known: tuple[Sequence[Sequence[int]], Array],
+    fitted_columns: tuple[Sequence[Sequence[int]], Array],
 ) -> tuple[Array, Array]:
     """Return by how much columns with known coefficients lower the squared errors (T), and these errors without them.
 
     All else is fitted to the training rows of ``folds``, with them and without; ``test`` (T, F, C) weighs the rows that
-    are judged. ``known`` are the columns of each fold, and their coefficients (T, w), found elsewhere.
+    are judged. ``fitted_columns`` are the columns of each fold, and their coefficients (T, w), found elsewhere.
     """
     (G, diagonal), H, base = candidates.train(folds), candidates.test(folds, test), list(columns)
     M = add_ridge(G[:, base][:, :, base], diagonal[:, base])
     gains, before = np.zeros(len(G)), np.zeros(len(G))
-    for t, (added, coefficients) in enumerate(zip(*known, strict=True)):
+    for t, (added, coefficients) in enumerate(zip(*fitted_columns, strict=True)):
         solved = np.linalg.solve(M[t], G[t][np.ix_(base, [-1, *added])])
         errors = []
         for gamma in (np.zeros(len(added)), coefficients):

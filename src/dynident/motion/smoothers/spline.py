@@ -69,9 +69,9 @@ class SplineSettings:
     def build(self) -> Spline | tuple[Spline, ...]:
         """Return the spline, or those that ``rule`` "torque" chooses from."""
         if self.rule == "torque":
-            own = self.factor
+            factor = self.factor
             factors = (
-                {name: k * size for name, size in own.items()} if isinstance(own, Mapping) else k * own
+                {name: k * size for name, size in factor.items()} if isinstance(factor, Mapping) else k * factor
                 for k in NOISE_FACTORS
             )
             return tuple(Spline(Constraint(), self.sigma, self.ends, factor) for factor in factors)

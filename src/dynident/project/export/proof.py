@@ -97,28 +97,30 @@ def _is_unreadable(reader: Reader, identified: IdentifiedModel) -> bool:
     return False
 
 
-def exports(found: Identification, format: str | None = None) -> tuple[Export, ...]:  # noqa: A002
+def exports(identification: Identification, format: str | None = None) -> tuple[Export, ...]:  # noqa: A002
     """Return the robot's own file with the identified values, if there is one, the parameters, and a NumPy module.
 
     With another ``format`` its file is the last. Each is verified on samples of the logs, and has its own torque errors
     on them, or the reason why it cannot be written.
     """
-    identified = identified_model(found)
-    states = spread(tuple(log.motion for log in found.validations))
+    identified = identified_model(identification)
+    states = spread(tuple(log.motion for log in identification.validations))
     exporters = _usual(identified)
     if format is not None and all(exporter.format != format for exporter in exporters):
         exporters = (*exporters, EXPORTERS.get(format, "format")())
     made = [(exporter, export(identified, exporter, states)) for exporter in exporters]
-    return tuple(replace(file, errors=tuple(_errors(found, identified, exporter, file))) for exporter, file in made)
+    return tuple(
+        replace(file, errors=tuple(_errors(identification, identified, exporter, file))) for exporter, file in made
+    )
 
 
 def _errors(
-    found: Identification, identified: IdentifiedModel, exporter: Exporter, file: Export
+    identification: Identification, identified: IdentifiedModel, exporter: Exporter, file: Export
 ) -> Iterator[FileError]:
     """Yield the errors of a file on the logs: those of the model, where it leaves nothing out."""
     if not file.ready or file.written is None:
         return
-    for log in found.validations:
+    for log in identification.validations:
         model_error = file_error = log.errors.relative_error
         if file.written.left_out:
             motion = log.motion

@@ -28,16 +28,18 @@ COMMAND_STEP = 5e-4  # s: MuJoCo keeps enough commands for a time step as short 
 ATTRIBUTES: Mapping[type, str] = {Viscous: "damping", Coulomb: "friction", RotorInertia: "armature"}
 
 
-def identified_model(found: Identification) -> IdentifiedModel:
+def identified_model(identification: Identification) -> IdentifiedModel:
     """Return what exports hold of an identification, with the drives of its configuration."""
-    estimate, configuration = found.estimate, found.provenance.configuration
+    estimate, configuration = identification.estimate, identification.provenance.configuration
     servos: Mapping[str, Servo] = {}
     if configuration is not None:
         # a controller in Python, or files that are gone: the model is written without
         with suppress(DynidentError):
             folder = Path(configuration.path).parent
             servos = servos_of(parse_config(configuration.text, folder, configuration.path, allow_code=False))
-    return IdentifiedModel(found.model, estimate.value, found.errors.std, tuple(estimate.provenance), servos)
+    return IdentifiedModel(
+        identification.model, estimate.value, identification.errors.std, tuple(estimate.provenance), servos
+    )
 
 
 def servos_of(config: Config) -> dict[str, Servo]:

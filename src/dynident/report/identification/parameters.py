@@ -210,7 +210,7 @@ def link_section(identification: Identification, geometry: Geometry | None = Non
     links = link_inertias(identification)
     if not links:
         return
-    has_estimates = any(link.found is not None for link in links)
+    has_estimates = any(link.identified is not None for link in links)
     complete = all(link.sure.all() for link in links) or bool(identification.estimate.provenance)
     note = _LINKS if complete else f"{_LINKS} {_PARTLY}" if has_estimates else _OPEN
     tables = (_inertia_table(links, *table, has_estimates) for table in zip(_QUANTITIES, (0, 4), strict=True))
@@ -230,7 +230,7 @@ def _inertia_table(links: Sequence[LinkInertia], caption: str, first: int, has_e
     rows = []
     for link in links:
         file = np.full(7, np.nan) if link.file is None else link.file.values
-        value = np.full(7, np.nan) if link.found is None else link.found.values
+        value = np.full(7, np.nan) if link.identified is None else link.identified.values
         cells = [link_title(link.links)]
         for k, unit in enumerate(_QUANTITIES[caption].values(), start=first):
             cells.append(_value_cell(unit * file[k]))
@@ -263,7 +263,7 @@ def _source_table(links: Sequence[LinkInertia]) -> PageTable:
 
 def _shape_notes(links: Sequence[LinkInertia], geometry: Geometry | None) -> Iterator[str]:
     """Yield which bodies have no ellipsoid, how the links are drawn, and which meshes are missing."""
-    for field, where in (("file", "in the file"), ("found", "as found")):
+    for field, where in (("file", "in the file"), ("identified", "as identified")):
         bodies = [(link.name, getattr(link, field)) for link in links]
         complete = [(name, x) for name, x in bodies if x is not None and np.isfinite(x.values).all()]
         if wrong := [name for name, inertia in complete if inertia.ellipsoid is None]:

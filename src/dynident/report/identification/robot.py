@@ -183,7 +183,7 @@ def _arm_traces(
 
 def _hover_lines(link: LinkInertia) -> Iterator[str]:
     yield link_title(link.links)
-    inertias = [(origin, x) for origin, x in (("found", link.found), ("file", link.file)) if x is not None]
+    inertias = [(origin, x) for origin, x in (("found", link.identified), ("file", link.file)) if x is not None]
     if masses := [f"{number(x.mass, 3)} kg ({origin})" for origin, x in inertias if np.isfinite(x.mass)]:
         yield f"mass {', '.join(masses)}"
     yield "by " + ", ".join(f"{SOURCE_WORDS[x]} {link.by[x]}" for x in DeterminedBy if link.by.get(x))
@@ -191,7 +191,7 @@ def _hover_lines(link: LinkInertia) -> Iterator[str]:
 
 def _inertia_traces(links: Sequence[LinkInertia]) -> Iterator[MovingTrace]:
     """Yield the ellipsoids and centres of the links, as found and as in the file; they are hidden at first."""
-    found_inertias, file_inertias = {x.body: x.found for x in links}, {x.body: x.file for x in links}
+    found_inertias, file_inertias = {x.body: x.identified for x in links}, {x.body: x.file for x in links}
     colours = {entry.body: COLOURS[entry.main_source] for entry in links}
     traces: list[MovingTrace] = []
     if solid := _ellipsoids(found_inertias, colours):
@@ -202,8 +202,8 @@ def _inertia_traces(links: Sequence[LinkInertia]) -> Iterator[MovingTrace]:
         (found_inertias, "centre found", "circle"),
         (file_inertias, "centre in the file", "circle-open"),
     ):
-        known = [(body, x.centre) for body, x in inertias.items() if x is not None]
-        if points := {body: centre for body, centre in known if np.isfinite(centre).all()}:
+        centres = [(body, x.centre) for body, x in inertias.items() if x is not None]
+        if points := {body: centre for body, centre in centres if np.isfinite(centre).all()}:
             traces.append(centre_marks(points, name, symbol))
     for entry in traces:
         entry.trace["visible"] = False

@@ -57,6 +57,14 @@ def test_columns_of_two_joints_that_are_exchanged(channel: AffectedColumns) -> N
     assert one.message.after < 0.5 * one.message.before
 
 
+@pytest.mark.parametrize("channel", AffectedColumns)
+@pytest.mark.parametrize(("steps", "joints"), [(1, ("j1", "j2", "j3")), (-1, ("j3", "j2", "j1"))])
+def test_columns_of_all_joints_that_are_one_place_off(channel: AffectedColumns, steps: int, joints: tuple) -> None:
+    (finding,) = found(changed(channel, lambda x: np.roll(x, steps, axis=1)))
+    assert isinstance(finding.message, JointsSwapped)
+    assert (finding.message.joints, finding.message.channel) == (joints, channel)
+
+
 @pytest.mark.parametrize(
     ("channel", "joint"), [(AffectedColumns.POSITION, 1), (AffectedColumns.POSITION, 2), (AffectedColumns.BOTH, 1)]
 )
@@ -147,9 +155,9 @@ def test_of_many_joints_only_neighbours_are_exchanged(monkeypatch: pytest.Monkey
     def exchanged() -> int:
         return sum(isinstance(one.note(2.0, 1.0), JointsSwapped) for one in _alternatives(case(samples=50)))
 
-    assert exchanged() == 3 * len(AffectedColumns)
+    assert exchanged() == (3 + 2) * len(AffectedColumns)  # pairs, and all by one place
     monkeypatch.setattr("dynident.checks.alternatives.MAX_JOINTS_ALL_PAIRS", 2)
-    assert exchanged() == 2 * len(AffectedColumns)
+    assert exchanged() == (2 + 2) * len(AffectedColumns)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -13,6 +13,7 @@ from dynident.checks.stamps import thin_regression
 from dynident.models import Model, RigidBodies
 from dynident.models.friction import Coulomb, Viscous
 from dynident.motion.log import Log, Motion
+from tests.checks import moving_arm
 from tests.checks.moving_arm import waves
 from tests.robots import ARM
 
@@ -58,6 +59,13 @@ def test_compensated_gravity_is_said_beside_a_larger_effect_that_the_model_lacks
     kinds = {type(finding.message) for finding in run_checks(MODEL, {"train": {"log": log}}).findings}
     assert log_notes.GravityCompensated in kinds
     assert not kinds & {robot_notes.TermLeftOut, robot_notes.Unexplained, file_notes.UnrelatedTorque}
+
+
+def test_columns_one_place_off_are_no_compensated_gravity() -> None:
+    q, tau = (np.roll(x, 1, axis=1) for x in (moving_arm.MOVED.q, moving_arm.MOVED.tau))
+    log = Log(moving_arm.T, q, tau, moving_arm.MOVED.joints)
+    findings = run_checks(moving_arm.arm(), {"train": {"log": log}}).findings
+    assert [type(x.message) for x in findings if x.forbids] == [file_notes.JointsSwapped]
 
 
 @pytest.mark.parametrize("shown", [0.0, 0.002, 0.05])

@@ -22,17 +22,21 @@ from dynident.checks.missing import (
 from dynident.checks.robot_notes import MissingTerm, TermKind
 from dynident.checks.suspects import find_ripple
 from dynident.identification.terms import TermChoice, TermTrial, TrialOutcome, library_kinds
+from dynident.models import Model
+from dynident.models.friction import Ripple
 from dynident.motion.log import Motion
 from dynident.runtime import Finding, Severity, Use
 from tests.checks.moving_arm import MOVED, VALUES, arm, case, motion, truth, with_torque
 
 Q, DQ, TAU = (x[:, 0] for x in (MOVED.q, MOVED.dq, MOVED.tau))
+LOAD = arm().torque(MOVED.q, MOVED.dq, MOVED.ddq, [x.value or 0.0 for x in arm().parameters])[:, 0]
 TREND = np.linspace(-1, 1, len(Q))
 EFFECTS = {
     TermKind.SPRING: (4.0, 4.0 * Q),
     TermKind.ASYMMETRIC: (1.0, np.abs(DQ)),
     TermKind.QUADRATIC: (0.8, 0.8 * DQ * np.abs(DQ)),
-    TermKind.LOAD: (0.15, 0.15 * np.abs(TAU) * np.sign(DQ)),
+    TermKind.LOAD: (0.3, 0.3 * np.abs(LOAD) * np.sign(DQ)),
+    TermKind.GEAR_LOSS: (0.15, 0.15 * np.abs(TAU) * np.sign(DQ)),
     TermKind.SATURATION: (0.06, -0.06 * TAU**3 / np.mean(TAU**2)),
     TermKind.RIPPLE: (0.6, 0.6 * np.sin(17.3 * Q + 0.4)),
     TermKind.GAIN_DRIFT: (0.2, 0.2 * TREND * TAU),
@@ -188,9 +192,12 @@ def test_a_late_torque_is_named_with_its_delay(joint: int, delay: float) -> None
 
 def test_a_large_delay_is_a_cause_of_the_residual() -> None:
     tau = MOVED.tau[:, 1]
-    first, *_ = explain_residual(case(with_torque(np.interp(MOVED.t - 0.05, MOVED.t, tau) - tau, 1)))
+    late = case(with_torque(np.interp(MOVED.t - 0.05, MOVED.t, tau) - tau, 1))
+    late.dq[7, 1], late.keep[7, 1] = 1e-6, False
+    first, *_ = explain_residual(late)
     assert (first.joint, first.message.effect) == ("j2", TermKind.DELAY)
     assert first.message.value == pytest.approx(0.05, rel=0.25)
+    assert first.message.cost < 10.0  # that of wrong parameters, and not of a rate where friction jumps
 
 
 def test_torques_in_time_are_not_named_even_where_friction_reverses_late() -> None:
@@ -199,6 +206,15 @@ def test_torques_in_time_are_not_named_even_where_friction_reverses_late() -> No
     sign = np.sign(PUNCTUAL.dq[:, 2])
     late = np.interp(PUNCTUAL.t - 0.02, PUNCTUAL.t, sign)
     assert find_delays(with_torque(VALUES["coulomb"] * (late - sign), 2, PUNCTUAL)) == []
+
+
+@pytest.mark.parametrize(("delay", "is_named"), [(0.0008, False), (0.004, True)])
+def test_a_ripple_that_is_a_cycle_late_is_no_delay(delay: float, is_named: bool) -> None:
+    bodies, *terms = arm().terms
+    model = Model((bodies, *terms, Ripple(bodies.joints, on=("j1",), cycles=(30.0,))))
+    late = with_torque(5.0 * np.sin(30.0 * (Q - delay * DQ)), moved=motion(noise=0.002))
+    effects = {effect.kind for effect in find_missing_effects(misfit(case(late, model)))}
+    assert (TermKind.DELAY in effects) == is_named
 
 
 def test_recordings_too_short_to_be_shifted_say_nothing() -> None:

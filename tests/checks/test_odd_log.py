@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynident.checks.explain import robot_findings
 from dynident.checks.motion import odd_log_findings
-from dynident.checks.motion_notes import OddLog
+from dynident.checks.motion_notes import OddLog, OtherPayload
 from dynident.motion.log import Motion
-from dynident.runtime import Severity, Use
+from dynident.runtime import Finding, Severity, Use
 from tests.checks.moving_arm import arm, motion, swap_torques, truth
 
 MODEL = arm()
@@ -87,3 +88,17 @@ def test_short_logs_are_not_odd_for_being_explained_by_any_fit(samples: int) -> 
         return replace(moved, tau=moved.tau + 0.2 * np.ptp(moved.tau) * noise, mask=moved.mask & middle)
 
     assert list(odd_log_findings(MODEL, [named("a", 1, short)], {"b": named("b", 2, short)})) == []
+
+
+def findings_beside(odd: Motion) -> list[Finding]:
+    return list(robot_findings(MODEL, [named("a", 1), replace(odd, source="odd")], {"b": named("b", 2)}))
+
+
+def test_what_changed_between_training_logs_is_no_drift() -> None:
+    (swapped,) = findings_beside(swap_torques(motion(3)))
+    assert (swapped.source, type(swapped.message)) == ("odd", OddLog)
+    loaded_theta = truth(MODEL)
+    loaded_theta[20] += 1.0  # kg, of the last link
+    (loaded,) = findings_beside(motion(3, theta=loaded_theta))
+    assert (loaded.source, type(loaded.message)) == ("odd", OtherPayload)
+    assert loaded.message.mass == pytest.approx(1.0, abs=5 * loaded.message.std)

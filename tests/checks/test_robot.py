@@ -94,6 +94,12 @@ def test_the_boom_of_a_large_machine_is_in_metres() -> None:
     assert found(arm(boom, elbow=elbow)) == ()
 
 
+def test_a_beam_is_as_long_as_the_travel_on_it() -> None:
+    beam = link("fore", 1.5, (0.0, 0.0, 0.0), tensor=np.diag([0.002, 0.3, 0.3]))
+    assert found(arm(fore=beam, elbow=joint("elbow", "prismatic", "upper", "fore", (0.3, 0.0, 0.0)))) == ()
+    assert len(found(arm(fore=beam))) == 1
+
+
 def test_for_an_identification_no_inertia_of_the_file_is_an_error() -> None:
     assert {one.severity for one in found(FAULTS["negative mass"][0], inconsistent=Severity.WARNING)} == {"warning"}
 

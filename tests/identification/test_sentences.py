@@ -80,7 +80,7 @@ STEPS = [
     steps.SlowReversals(("a", "b")),
     steps.SlowReversals(("a",), terms_chosen=True),
     steps.SlowReversals(("a",), (0.0312,), gain=0.456),
-    steps.Sharpen("M", 5.0, 4.0, 43.2, steps.ExcitingMotion.ACCELERATE, "a", 1.83, gain=1e-3),
+    steps.Sharpen("M", 5.0, 4.0, 43.2, steps.ExcitingMotion.ACCELERATE, "a", 1.83, "kg", gain=1e-3),
     steps.LeaveOut("tuesday", 8.0, 9.96, 12.3, gain=1.24),
     steps.Cover("fast", 1.0, 2.5, "a", 1.52, 3.14, gain=0.4),
     steps.HoldOutFaster(2.52),
@@ -91,7 +91,7 @@ STEPS = [
         gain=0.5,
     ),
     steps.SetRight(Finding(robot_notes.TiltedBase(0.01, -0.02, (1e-3, 1e-3), 6.0, 5.0))),
-    steps.CheckRipple(("a",)),
+    steps.CheckRipple(("a",), (26.04,)),
 ]
 RUN = WorstRun("fast", "elbow", 2.54)
 

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dynident.checks.log_notes import NoFriction
 from dynident.estimators import LeastSquares, PhysicallyConsistent
 from dynident.identification import HeldOut, Identification, Recipe, Remedy, Verdict, identify, judge
 from dynident.identification import verdict_reasons as why
-from dynident.identification.unobservable import CommonGain, MotionRatios, Zeros, unknowns
+from dynident.identification.unobservable import CommonGain, DriveFriction, MotionRatios, Zeros, unknowns
 from dynident.identification.verdict_steps import CheckRipple, SetRight, Sharpen, SlowReversals
 from dynident.models import Model, RigidBodies
 from dynident.models.friction import Offset
@@ -261,6 +262,7 @@ def test_what_residuals_point_to_becomes_advice(good: Identification) -> None:
         (step,) = with_part(good, 1, residuals={"slider": told}).next
         assert isinstance(step, kind)
         assert step.joints == ("slider",)
+        assert getattr(step, "frequencies", (26.0,)) == (26.0,)
         assert 0 < step.gain < good.validations[1].errors.relative_error
 
 
@@ -269,6 +271,8 @@ def test_what_no_data_can_show_is_said_of_a_good_model(good: Identification) -> 
     assert judge(replace(good, validations=good.validations[:1])).unknown == ()
     weighed = replace(good.recipe, estimator=PhysicallyConsistent(total_mass=5.0))
     assert judge(replace(good, recipe=weighed)).unknown == (CommonGain(),), "the base's mass takes the factor up"
+    frictionless = replace(good, warnings=(*good.warnings, Finding(NoFriction(0.1))))
+    assert judge(frictionless).unknown == (CommonGain(), DriveFriction())
 
 
 def test_zeros_that_parameters_take_up_are_unknown(good: Identification) -> None:

@@ -34,7 +34,7 @@ def test_each_type_of_message_has_its_entry() -> None:
 
 def test_a_quote_has_a_place_for_each_figure() -> None:
     assert GENERATOR["printed"]("OddScale") == '"the torque is … times that of the robot file\'s inertias"'
-    assert GENERATOR["printed"]("TermKind.ROTOR") == '"rotor inertia"'
+    assert GENERATOR["printed"]("TermKind.ROTOR") == '"rotor inertia of … kg m^2 or kg"'
     with pytest.raises(KeyError):
         GENERATOR["printed"]("Nothing")
 

@@ -142,12 +142,15 @@ def _alternatives(case: FitCase) -> Iterator[Alternative]:
 
 def _swap_columns(case: FitCase) -> Iterator[Alternative]:
     names = [joint.name for joint in case.model.joints]
-    pairs = combinations(range(len(names)), 2) if len(names) <= MAX_JOINTS_ALL_PAIRS else pairwise(range(len(names)))
-    for i, j in pairs:
-        order = np.arange(len(names))
-        order[[i, j]] = j, i
+    n = len(names)
+    pairs = combinations(range(n), 2) if n <= MAX_JOINTS_ALL_PAIRS else pairwise(range(n))
+    # columns are also counted from another number, by which those of all joints move on
+    shifts = (range(n), range(n - 1, -1, -1)) if n > 2 else ()
+    for cycle in (*pairs, *shifts):
+        order = np.arange(n)
+        order[list(cycle)] = np.roll(cycle, -1)
         for channel, swapped_case in _transform_columns(case, order=order):
-            note = partial(file_notes.JointsSwapped, (names[i], names[j]), channel)
+            note = partial(file_notes.JointsSwapped, tuple(names[j] for j in cycle), channel)
             yield Alternative(swapped_case, None, note)
 
 

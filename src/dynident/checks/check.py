@@ -47,8 +47,7 @@ from dynident.runtime.families import action
 PLAIN_ESTIMATOR = LeastSquares()
 # found by trying alternatives
 LARGE_FAULTS = (JointsSwapped, ColumnReversed, OtherZero, MotorCoupled, OtherAxis, OtherGravity)
-# beside which torques are those of no other fault
-WRONG_TORQUES = (OtherGravity, GravityCompensated, PerhapsRadians)
+WRONG_TORQUES = (OtherGravity, PerhapsRadians)  # beside which torques are those of no other fault
 # explain by themselves what a fit leaves of a joint's torque
 SILENT_TORQUES = (channel_notes.ConstantTorque, FrozenTorque)
 STILL_JOINTS = (channel_notes.NeverMoves, HardlyMoves)
@@ -307,8 +306,10 @@ class _CheckRun:
             findings[:] = [x for x in findings if not (isinstance(x.message, file_notes.OddScale) and x.joint in right)]
         # a fault explains others: the torque of the file's inertias was that of another motion or arm
         if any(isinstance(finding.message, LARGE_FAULTS) for finding in faults):
-            following = (file_notes.ReversedSign, file_notes.UnrelatedTorque, file_notes.OddScale)
+            following = (file_notes.ReversedSign, file_notes.UnrelatedTorque, file_notes.OddScale, GravityCompensated)
             findings[:] = [finding for finding in findings if not isinstance(finding.message, following)]
+        if any(isinstance(finding.message, GravityCompensated) for finding in findings):
+            return
         # a silent torque explains by itself what is left of that joint; what a wobble shows is no term
         silent = {finding.joint for finding in findings if isinstance(finding.message, SILENT_TORQUES)}
         still = {finding.joint for finding in findings if isinstance(finding.message, STILL_JOINTS)}

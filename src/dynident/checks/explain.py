@@ -13,6 +13,7 @@ from dynident.checks.alternatives import better_alternative
 from dynident.checks.low_pass import low_pass_findings
 from dynident.checks.misfit import CASE_SAMPLES, FitCase, Misfit, column_of_joint, fit_cases, measured_case, misfit
 from dynident.checks.missing import (
+    MIN_DELAY,
     Cost,
     MissingEffect,
     cost,
@@ -52,7 +53,6 @@ MIN_HALF_WIDTH = 5e-3  # s, least half width of the differences by time
 MAX_DELAY_PER_WIDTH, WIDTH_PER_DELAY = 0.8, 1.5
 MIN_DELAY_SIGNIFICANCE = 2.5  # standard errors of the low-passed torque
 MIN_DELAY_SHARE = 0.1  # share of the joint's squared residual, as measured, that its delay must explain
-MIN_DELAY = 1e-3  # s
 
 
 def delay_findings(
@@ -167,6 +167,13 @@ def robot_findings(
     # with a large fault the residual shows nothing else
     if large:
         return
+    odd = list(odd_log_findings(model, motions, held_out, parallel_filter, min_speed))
+    odd_logs = {finding.source for finding in odd}
+    # what changed between the logs would be taken for a drift or a wrong value: only logs that agree tell of the robot
+    others = {motion.source: motion for motion in motions if motion.source in odd_logs}
+    if others:
+        motions = [motion for motion in motions if motion.source not in odd_logs]
+        (case,) = fit_cases(model, motions, parallel_filter, min_speed, (CASE_SAMPLES,))
     findings = list(explain_residual(case, tilt))
     # a delay explains what is left at reversals, so that such joints are not reported twice; a filter explains both
     low_passed = list(low_pass_findings(model, motions, min_speed))
@@ -180,9 +187,8 @@ def robot_findings(
     yield from delays
     explained_joints = _joints_with([*findings, *delays], *REVERSAL_TERMS) | filtered_joints
     yield from (x for x in reversal_findings(model, motions, min_speed) if x.joint not in explained_joints)
-    payloads = list(payload_findings(model, motions, held_out, parallel_filter, min_speed))
+    payloads = list(payload_findings(model, motions, {**held_out, **others}, parallel_filter, min_speed))
     yield from payloads
-    odd = odd_log_findings(model, motions, held_out, parallel_filter, min_speed)
     loaded_logs = {finding.source for finding in payloads}
     # a log that does not fit with the others explains what is left
     yield from [finding for finding in odd if finding.source not in loaded_logs] or remaining

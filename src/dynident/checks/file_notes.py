@@ -297,22 +297,22 @@ class AffectedColumns(WordedEnum):
 
 
 class JointsSwapped(Note):
-    """The columns of two joints fit the other joint better.
+    """The columns of two or more joints fit better if each has those of the next, and the last those of the first.
 
     ``before`` and ``after`` are the errors (%) of the torque, mean over the joints.
     """
 
     topic = "swapped"
     forbids = Use.CONTROL
-    joints: tuple[str, str]
+    joints: tuple[str, ...]
     channel: AffectedColumns
     before: float
     after: float
 
     def __str__(self) -> str:
-        joint, partner = self.joints
+        joints, others = self.joints, (*self.joints[1:], self.joints[0])
         return (
-            f"are the {self.channel.words} of {joint} and {partner} exchanged? With them the other way round "
+            f"are the {self.channel.words} of {', '.join(joints)} exchanged? With those of {', '.join(others)} instead "
             f"{_error_change(self.before, self.after)}. Check the columns in the configuration."
         )
 

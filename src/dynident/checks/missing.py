@@ -90,10 +90,11 @@ def _faster_torque(fit: Misfit) -> Array:
 TIME_STEP = 1e-4  # s, of the differences in time
 MIN_JOINT_SHARE = 0.1  # share of a joint's squared residual that an effect of its own must explain to be reported
 MIN_TORQUE_SHARE = 0.005  # share of a joint's torque (rms) below which an effect is none
+MIN_DELAY = 1e-3  # s: a shorter one is that of a cycle, or of a ripple
 MIN_WARNING_SHARE = 0.4  # ... and to be warned of
 MIN_OPEN_GAIN = 10.0  # %, of the squared error: a term that gains more, but within its error, was not refused
 LIBRARY_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR)  # terms of the library
-POSITIVE_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD)
+POSITIVE_TERMS = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD, TermKind.GEAR_LOSS)
 # the kinds by which a choice of terms has tried an effect
 TRIED_KINDS = {kind: {kind.term} for kind in TermKind if kind.term}
 TRIED_KINDS |= {kind: {"coulomb", "dahl"} for kind in (TermKind.COULOMB, TermKind.SMOOTH)}
@@ -164,7 +165,8 @@ def _is_significant(kind: TermKind, j: int, partner: int | None, score: ScoreTes
     ``error`` (n) is the share of the torque that the fit leaves.
     """
     share = float(score.by_joint[j])
-    is_sensible = kind not in POSITIVE_TERMS or score.value > 0
+    least = MIN_DELAY if kind is TermKind.DELAY else 0.0
+    is_sensible = (score.value if kind in POSITIVE_TERMS else abs(score.value)) > least
     is_mutual = kind is not TermKind.COUPLED or partner is None or score.by_joint[partner] > MIN_JOINT_SHARE
     # cheap tests come first, as most effects fail them
     if not (share > MIN_JOINT_SHARE and share**0.5 * error[j] > MIN_TORQUE_SHARE and is_sensible and is_mutual):
@@ -198,7 +200,8 @@ def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, A
     """Yield every kind of effect in the motion of a case, with the values of the fit and its ``ripples`` by joint."""
     (load, friction), n = _load_and_friction(fit, case), case.q.shape[1]
     age = np.linspace(-1.0, 1.0, len(case.q))  # a drift grows linearly over all logs, in their order
-    torque_derivative = torque_rate(fit, case)
+    # a delay is one of the log: the torque that the user meets has none
+    torque_derivative = torque_rate(fit, case) if case is fit.case else np.zeros_like(case.q)
     friction_jumps = _has_coulomb(case)
     by_motion = motion_shapes(case, rms_speed(fit.case.dq))
     torque, rms_torque = case.torque(fit.theta), np.maximum(np.sqrt(np.mean(fit.torque**2, axis=0)), 1e-12)
@@ -207,6 +210,7 @@ def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, A
     shapes: dict[TermKind, Callable[[int], Array]] = {
         **by_motion,
         TermKind.LOAD: lambda j: by_motion[TermKind.COULOMB](j) * np.abs(load[:, j]),
+        TermKind.GEAR_LOSS: lambda j: by_motion[TermKind.COULOMB](j) * np.abs(torque[:, j]),
         TermKind.DRIFT: lambda j: age * friction[:, j],
         TermKind.GAIN_DRIFT: lambda j: age * torque[:, j],
         TermKind.DELAY: lambda j: -torque_derivative[:, j],
@@ -265,7 +269,7 @@ def payload_findings(
     parallel_filter: ParallelFilter | None = None,
     min_speed: tuple[float, ...] | None = None,
 ) -> Iterator[Finding]:
-    """Yield the held-out logs in which the last body is heavier or lighter than in training.
+    """Yield the logs of ``held_out`` in which the last body is heavier or lighter than in training.
 
     The training logs and one other are fitted together, with separate columns for the last body in that log: what
     training does not determine then explains nothing.
@@ -345,13 +349,21 @@ def reversal_findings(
     case = measured_case(model, thin_motions(motions, REVERSAL_SAMPLES), min_speed)
     fit = misfit(case)
     near_reversals = np.concatenate([~steady_mask(motion, REVERSAL_TIME)[indices] for motion, indices in pairs])
+    between_signs = np.concatenate([_between_signs(motion)[indices] for motion, indices in pairs])
+    counted = (fit.weight > 0) & ~between_signs
     for j, joint in enumerate(model.joints):
-        share = _share_near(np.square(fit.residual[:, j]), near_reversals[:, j], fit.weight[:, j] > 0)
+        share = _share_near(np.square(fit.residual[:, j]), near_reversals[:, j], counted[:, j])
         excess_error = 100.0 * share**0.5 * float(fit.error[j])
         if share > MIN_REVERSAL_SHARE and excess_error > MIN_REVERSAL_ERROR:
             width = _smooth_friction_width(case, fit, j)
             severity = Severity.INFO if width else Severity.WARNING
             yield Finding(LeftAtReversals(excess_error, share, width), joint.name, severity=severity)
+
+
+def _between_signs(motion: Motion) -> NDArray[np.bool_]:
+    """Return the two samples (N, n) of each reversal, of whose signs of the velocity noise decides."""
+    turns = np.pad(np.diff(np.signbit(motion.dq), axis=0), ((1, 1), (0, 0)))
+    return np.asarray(turns[1:] | turns[:-1])
 
 
 def _smooth_friction_width(case: FitCase, fit: Misfit, j: int) -> float:

@@ -249,9 +249,9 @@ class SearchLeftOut(Note):
 
 
 class OtherPayload(Costly):
-    """The last link is ``mass`` (kg) heavier in one log than in training.
+    """The last link is ``mass`` (kg) heavier in one log than in the other training logs.
 
-    This explains ``share`` of the squared residual of both. A model of one payload is not valid for the other:
+    This explains ``share`` of the squared residual of all. A model of one payload is not valid for the other:
     any forbids simulation, and a large one control. The ``cost`` is the torque of the payload in that log.
     """
 
@@ -264,9 +264,9 @@ class OtherPayload(Costly):
     def __str__(self) -> str:
         heavier = "heavier" if self.mass > 0 else "lighter"
         return (
-            f"the last link is {short(abs(self.mass))} +- {short(self.std, 2)} kg {heavier} here than in training, "
-            f"which explains {100 * self.share:.0f} % of the squared residual. {self.consequence} Was there another "
-            "payload? Give each payload its own model."
+            f"the last link is {short(abs(self.mass))} +- {short(self.std, 2)} kg {heavier} here than in the other "
+            f"logs, which explains {100 * self.share:.0f} % of the squared residual. {self.consequence} Was there "
+            "another payload? Give each payload its own model."
         )
 
 

@@ -134,15 +134,16 @@ def _size_findings(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Find
     base_links = _rigid_links(file, file.root)
     for fact in facts:
         distance = float(np.linalg.norm(fact.centre))
-        origins = [x.placement[:3, 3] for x in file.joints if fact.link in (x.parent, x.child)]
-        reach = max((float(np.linalg.norm(origin)) for origin in origins), default=0.0)
+        joints = [joint for joint in file.joints if fact.link in (joint.parent, joint.child)]
+        reach = max((float(np.linalg.norm(joint.placement[:3, 3])) for joint in joints), default=0.0)
         if distance > max(MAX_CENTRE_DISTANCE, reach):
             yield Finding(file_notes.FarCentre(distance), link=fact.link)
         if fact.link in base_links:
             continue
         gyration = float(np.sqrt(max(fact.moments[-1], 0.0) / abs(fact.mass)))
-        # the length of a link: the distance to its joints, or twice that to its centre of mass
-        size = max(MIN_LINK_SIZE, 2 * distance, reach)
+        # the length of a link: the distance to its joints, their travel, or twice that to its centre of mass
+        limits = [joint.limits for joint in joints if joint.kind == "prismatic"]
+        size = max([MIN_LINK_SIZE, 2 * distance, reach, *((x.upper or 0.0) - (x.lower or 0.0) for x in limits)])
         if gyration > MAX_GYRATION_RATIO * size:
             yield Finding(file_notes.LargeGyration(float(fact.moments[-1]), gyration, fact.mass, size), link=fact.link)
 

@@ -17,8 +17,8 @@ MAX_SIMULATION_COST = 5.0  # %, of the torque; what real robots have beside the 
 
 
 class TermKind(StrEnum):
-    """An effect that a model may lack, with its ``effect`` in words, its ``remedy``, and the ``term`` that has it, if
-    one has.
+    """An effect that a model may lack: its ``effect`` in words, with "{}" for its size, its ``remedy``, and the
+    ``term`` that has it, if one has.
     """
 
     effect: str
@@ -32,52 +32,55 @@ class TermKind(StrEnum):
         kind.remedy = f"Add `{term}` to `terms` of the model{advice}." if term else advice
         return kind
 
-    VISCOUS = "viscous", "viscous friction", "viscous"
-    COULOMB = "coulomb", "Coulomb friction", "coulomb"
+    VISCOUS = "viscous", "viscous friction of {} N m s/rad or N s/m", "viscous"
+    COULOMB = "coulomb", "Coulomb friction of {} N m or N", "coulomb"
     SMOOTH = (
-        *("smooth sign of Coulomb friction", "Coulomb friction whose sign changes gradually", ""),
+        *("smooth sign of Coulomb friction", "Coulomb friction whose sign changes gradually, of {} N m or N", ""),
         "Set `coulomb_width` of the model (rad/s), or `min_speed`, which leaves slow samples out.",
     )
-    OFFSET = "offset", "a constant torque", "offset"
-    ROTOR = "rotor", "rotor inertia", "rotor"
-    SPRING = "spring", "a spring, or a cable that pulls back,", "spring"
-    ASYMMETRIC = "asymmetric viscous friction", "friction that differs between the two directions", "asymmetric_viscous"
+    OFFSET = "offset", "a constant torque of {} N m or N", "offset"
+    ROTOR = "rotor", "rotor inertia of {} kg m^2 or kg", "rotor"
+    SPRING = "spring", "a spring, or a cable that pulls back, of {} N m/rad or N/m", "spring"
+    ASYMMETRIC = (
+        *("asymmetric viscous friction", "friction that differs between the two directions, by {} N m s/rad or N s/m"),
+        "asymmetric_viscous",
+    )
     QUADRATIC = (
-        "quadratic friction",
-        "friction that is not proportional to the velocity",
-        "power",
-        ", with its `exponent`",
+        *("quadratic friction", "friction that is not proportional to the velocity, of {} SI units of its square"),
+        *("power", ", with its `exponent`"),
     )
     STRIBECK = (
-        *("Stribeck friction", "friction that is different at low speed", "stribeck"),
+        *("Stribeck friction", "friction that is different at low speed, by {} N m or N", "stribeck"),
         ", with the `velocity` at which it has fallen",
     )
-    LOAD = "load-dependent friction", "friction that grows with the load", "load_coulomb"
+    LOAD = "load-dependent friction", "friction that grows with the load, by {} of it", "load_coulomb"
+    GEAR_LOSS = "gear loss", "a gear that loses {} of its torque, friction included", "load_coulomb"
     GAIN_DRIFT = (
-        *("gain that drifts", "a torque whose gain changes over the recording, by twice this share,", ""),
+        *("gain that drifts", "a torque whose gain changes over the recording, by {} of it in either half", ""),
         "Let motor and sensor warm up, and check whether the torque constant depends on the temperature.",
     )
     DRIFT = (
-        *("friction that drifts", "friction that changes over the recording", ""),
+        *("friction that drifts", "friction that changes over the recording, by {} of it in either half", ""),
         "Let the robot warm up, and record training and validation in the same state.",
     )
     DELAY = (
-        *("delay of the torque", "a torque that lags the positions, by these seconds,", ""),
+        *("delay of the torque", "a torque that lags the positions by {} s", ""),
         "Shift this torque in the file: `time_offset` is the same for all joints.",
     )
     SATURATION = (
-        "torque that saturates",
-        "saturation at a torque of the usual size (rms) by this share, of iron if negative,",
-        "",
+        *("torque that saturates", "saturation that takes {} of a torque of the usual size, of iron if negative", ""),
         "Does the drive saturate, or the iron of the motor, whose torque constant then falls with the current?",
     )
-    COUPLED = "coupled motor", "a motor that turns with both joints", "", "Add it to `couplings` of the model."
+    COUPLED = (
+        *("coupled motor", "a motor of {} kg m^2 that turns with both joints", ""),
+        "Add it to `couplings` of the model.",
+    )
     NEIGHBOUR = (
-        *("torque of a neighbour", "the torque of a neighbouring joint, times this factor,", ""),
+        *("torque of a neighbour", "the torque of a neighbouring joint times {}", ""),
         "Are these torques of motors that drive both joints, as in a differential? Convert them to joint torques.",
     )
     RIPPLE = (
-        *("ripple", "a ripple, of cogging or of the gear, with this amplitude", "ripple"),
+        *("ripple", "a ripple, of cogging or of the gear, of {} N m or N", "ripple"),
         ", with its `cycles`, 2 pi by the period",
     )
 
@@ -320,19 +323,19 @@ class MissingTerm(Costly):
     period: float = 0.0
 
     def __str__(self) -> str:
-        partner = f" together with {self.partner}" if self.partner else ""
-        period = f" that repeats every {short(self.period)} rad or m" if self.period else ""
-        return (
-            f"{self.effect.effect}{partner}{period} ({short(self.value)} +- {short(self.std, 2)}, SI units) would "
-            f"explain {100 * self.share:.0f} % of the joint's squared residual. {self.consequence} "
-            f"{self.effect.remedy}"
-        )
+        explained = f"would explain {100 * self.share:.0f} % of the joint's squared residual"
+        return f"{self._effect_and_size} {explained}. {self.consequence} {self.effect.remedy}"
 
     @property
     def remedy(self) -> str:
         """What to do about it, in short."""
-        partner = f" together with {self.partner}" if self.partner else ""
-        return f"the model lacks {self.effect.effect.removesuffix(',')}{partner}. {self.effect.remedy}"
+        return f"the model lacks {self._effect_and_size}. {self.effect.remedy}"
+
+    @property
+    def _effect_and_size(self) -> str:
+        partner = f", together with {self.partner}" if self.partner else ""
+        period = f", that repeats every {short(self.period)} rad or m" if self.period else ""
+        return self.effect.effect.format(f"{short(self.value)} +- {short(self.std, 2)}") + partner + period
 
 
 class TermLeftOut(MissingTerm):

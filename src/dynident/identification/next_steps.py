@@ -83,7 +83,8 @@ def _residual_steps(identification: Identification) -> Iterator[NextStep]:
         yield SlowReversals(joints, reported_speeds, terms_chosen, gain=_gain_of_joints(log, excess, joints))
     if joints := _joints_with(causes, ResidualRipple):
         excess = {joint: size * max(test.peak_share, 0.0) for joint, (test, size) in tests.items()}
-        yield CheckRipple(joints, gain=_gain_of_joints(log, excess, joints))
+        frequencies = tuple(x.frequency for j in joints for x in causes[j] if isinstance(x, ResidualRipple))
+        yield CheckRipple(joints, frequencies, gain=_gain_of_joints(log, excess, joints))
 
 
 def _recording_steps(identification: Identification) -> Iterator[MoreRecordings]:
@@ -135,7 +136,8 @@ def _sharpening_steps(identification: Identification) -> Iterator[Sharpen]:
         needed = min(std[k] / (MIN_RELATIVE_STD * np.abs(value[k]) or np.inf), share[k] / MIN_TORQUE_SHARE)
         faster = float(np.sqrt(needed)) if how is ExcitingMotion.ACCELERATE else None
         figures = float(value[k]), float(std[k]), float(share[k])
-        yield Sharpen(names[k], *figures, how, joint, faster, gain=gain)
+        unit = identification.model.parameters[leads[k]].unit
+        yield Sharpen(names[k], *figures, how, joint, faster, unit, gain=gain)
 
 
 def _gains_if_known(

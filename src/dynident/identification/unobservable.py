@@ -47,9 +47,21 @@ class MotionRatios(Unobservable):
         return f"a wrong gear ratio, lead or unit of the position of {', '.join(self.joints)}"
 
 
+class DriveFriction(Unobservable):
+    """Friction of the drives, of which the torques show almost none."""
+
+    def __str__(self) -> str:
+        return "friction of the drives, which torques that are computed or measured behind the gears do not have"
+
+
+FRICTION_TOPIC = "friction"  # of a finding that the torques show none
+
+
 def unknowns(identification: Identification) -> Iterator[Unobservable]:
     """Yield the errors that no data of this robot can show."""
     yield CommonGain()
+    if any(finding.message.topic == FRICTION_TOPIC for finding in identification.findings):
+        yield DriveFriction()
     if not any(term.file is not None for term in identification.model.terms):
         return
     zeros, ratios = _absorbed_changes(identification)

@@ -70,7 +70,7 @@ class NextStep(Statement, TaggedUnion):
 class Sharpen(NextStep):
     """Record a motion that excites a ``parameter`` better.
 
-    Its ``value`` has the standard error ``std`` (both in SI units), which is ``share`` % of the torque.
+    Its ``value`` has the standard error ``std`` (both in SI units, ``unit``), which is ``share`` % of the torque.
     ``joint`` is the one to move, None for all of them. At ``faster`` times the speed of the training the parameter
     would be known well, None where speed does not show it better. The gain is that of knowing it exactly.
     """
@@ -82,13 +82,15 @@ class Sharpen(NextStep):
     excitation: ExcitingMotion
     joint: str | None
     faster: float | None = None
+    unit: str = ""
 
     def __str__(self) -> str:
         motion = self.excitation.format(joint=self.joint or "the joints")
         speed = f", up to {self.faster:.2g} times the speed" if self.faster is not None and self.faster > 1.05 else ""
+        unit = "" if self.unit in ("", "1") else f" {self.unit}"
         return (
-            f"{self.parameter} is {self.value:.3g} +- {self.std:.2g} (one standard error, {rough(self.share)} of the "
-            f"torque): {motion}{speed}.{self.gain_text('at most')}"
+            f"{self.parameter} is {self.value:.3g} +- {self.std:.2g}{unit} (one standard error, {rough(self.share)} of "
+            f"the torque): {motion}{speed}.{self.gain_text('at most')}"
         )
 
 
@@ -112,15 +114,18 @@ class SlowReversals(NextStep):
 
 
 class CheckRipple(NextStep):
-    """Record constant speeds of the ``joints`` to see whether the ripple follows the position.
+    """Record constant speeds of the ``joints`` to see whether the ripple, of these ``frequencies`` (Hz), follows the
+    position.
 
     The gain is that of a model of the whole ripple.
     """
 
     joints: tuple[str, ...]
+    frequencies: tuple[float, ...] = ()
 
     def __str__(self) -> str:
-        advice = f"{', '.join(self.joints)}: move at constant speeds, to see whether the ripple follows the position."
+        ripple = f"ripple ({', '.join(f'{x:.3g}' for x in self.frequencies)} Hz)" if self.frequencies else "ripple"
+        advice = f"{', '.join(self.joints)}: move at constant speeds, to see whether the {ripple} follows the position."
         return advice + self.gain_text("at most")
 
 

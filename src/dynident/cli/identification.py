@@ -307,6 +307,7 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     notes += [f"Not in the file: {words}" for words in shown]
     notes += [f"Not in the file: {more} more; -v lists them."] * bool(more)
     for note in (*notes, *(f"{words}." for words in model_export.proof.skipped)):
-        screen.say(note)
-    screen.say(f"Reloaded, its torque differs by at most {tiny(model_export.proof.agreement)} of each joint's torque.")
+        screen.remark(note)
+    difference = tiny(model_export.proof.agreement)
+    screen.remark(f"Reloaded: the largest difference of a joint's torque, relative to its norm, is {difference}.")
     print_path(screen, "Model", write_text(out, model_export.written.text))

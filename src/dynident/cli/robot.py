@@ -110,9 +110,9 @@ def excite(
     for line in (*details, *noise_words(project)):
         screen.remark(line, detail=True)
     for line in room_findings(project, design):
-        screen.say(line)
+        screen.remark(line)
     if not any(path.name.startswith(f"{TRIAL}.") for path in written):
-        screen.say(NO_TRIAL)
+        screen.remark(NO_TRIAL)
     print_files(screen, [path for path in written if path.suffix != ".npz"])
     screen.remark(
         "Beside each motion (.csv) are the same as .npz and programs that play it (ROS 2, and where the arm is known "

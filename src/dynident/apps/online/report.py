@@ -86,7 +86,7 @@ def watch_words(settings: WatchSettings) -> str:
     rate = f"one in {number(often, 2)} days" if often > 1 else f"{number(settings.false_alarms, 2)} a day"
     return (
         f"Watching: a baseline of {settings.baseline:g} s of motion without a change first, then changes with at most "
-        f"{rate} by chance; each is sought for in blocks of {settings.block:g} s."
+        f"{rate} by chance, in blocks of {settings.block:g} s."
     )
 
 

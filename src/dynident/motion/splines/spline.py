@@ -260,7 +260,7 @@ def _column_sigmas(t: Array, columns: Array, weight: Array | None, sigma: ArrayL
             raise ConfigError(f"sigma has shape {value.shape}; give one number, or one for each of {k} columns.")
         value = np.full(k, value)
         if not all(1 / MAX_VALUE <= number < MAX_VALUE for number in value.tolist()):
-            raise ConfigError(f"sigma is {sigma}; it must be positive (use Interpolation() for no smoothing).")
+            raise ConfigError(f"sigma is {sigma}; it must be positive; without smoothing, interpolate.")
         return value
     if not needed:
         return np.ones(k)

@@ -144,13 +144,17 @@ def _size_notes(written: ExportText, identified: IdentifiedModel, exporter: Expo
     """Yield how large the torque is that a text leaves out, joint by joint, but for terms that depend on the past."""
     if not written.left_out:
         return
-    difference = Numpy().torque(identified, states) - exporter.torque(identified, states)
-    sizes = np.sqrt(np.mean(difference**2, axis=0))
-    if len(difference) and sizes.max() > MIN_TORQUE_SHARE * np.abs(exporter.torque(identified, states)).max():
-        words = [
-            f"{size:.2g} {'N' if joint.kind == 'prismatic' else 'N m'} at {joint.name!r}"
-            for joint, size in zip(identified.model.joints, sizes, strict=True)
-        ]
+    torque = exporter.torque(identified, states)
+    squares = (Numpy().torque(identified, states) - torque) ** 2
+    smallest = MIN_TORQUE_SHARE * np.abs(torque).max(initial=0.0)
+    words = [
+        f"{size:.2g} {joint.effort} at {joint.name!r}"
+        for joint, size in zip(
+            identified.model.joints, np.sqrt(squares.sum(axis=0) / max(len(squares), 1)), strict=True
+        )
+        if size > smallest
+    ]
+    if words:
         yield f"what it leaves out is, as root mean square over the states compared, {join_names(words)}"
 
 

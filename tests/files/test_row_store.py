@@ -161,9 +161,10 @@ def test_what_is_kept_of_a_stopped_run_is_told(
     path: Path, monkeypatch: pytest.MonkeyPatch, rows: tuple[dict[str, Any], ...], kept: str
 ) -> None:
     monkeypatch.setattr(row_store, "run_jobs", lambda *_, **__: map(_refuse, "a"))
-    with store(path) as table, pytest.raises(InputError, match=rf"no room\. {kept}"):
+    with store(path) as table:
         table.add(rows)
-        table.fill(int, [5], key, lambda _: (), JobOptions(), "estimating")
+        with pytest.raises(InputError, match=rf"no room\. {kept}"):
+            table.fill(int, [5], key, lambda _: (), JobOptions(), "estimating")
 
 
 def _refuse(_: str) -> None:

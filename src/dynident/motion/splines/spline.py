@@ -178,6 +178,8 @@ def smooth(
     at 5 s: -0.96, its second derivative 0.96
     """
     rule = Constraint() if rule is None else rule
+    if not isinstance(rule, Rule):
+        raise ConfigError(f"rule is {rule!r}; give a rule, such as Constraint(), GCV() or Fixed(lam=...).")
     if weights is None and (fit := _fit_single(t, y, rule, sigma)) is not None:
         return fit
     time, step, data, low, high = prepare_data(t, y)

@@ -101,10 +101,11 @@ def exports(found: Identification, format: str | None = None) -> tuple[Export, .
     """Return the robot's own file with the identified values, if there is one, the parameters, and a NumPy module.
 
     With another ``format`` its file is the last. Each is verified on samples of the logs, and has its own torque errors
-    on them, or the reason why it cannot be written.
+    on them, or the reason why it cannot be written. A saved result has no samples: random states take their place.
     """
     identified = identified_model(found)
-    states = spread(tuple(log.motion for log in found.validations))
+    motions = tuple(log.motion for log in found.validations if log.signals is not None)
+    states = spread(motions) if motions else random_states(len(found.model.joints), np.random.default_rng(0))
     exporters = _usual(identified)
     if format is not None and all(exporter.format != format for exporter in exporters):
         exporters = (*exporters, EXPORTERS.get(format, "format")())
@@ -121,6 +122,8 @@ def _errors(
     for log in found.validations:
         model_error = file_error = log.errors.relative_error
         if file.written.left_out:
+            if log.signals is None:
+                continue
             motion = log.motion
             parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
             states = [(motion.q[s], motion.dq[s], motion.ddq[s]) for s in parts]

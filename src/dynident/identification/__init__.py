@@ -21,7 +21,15 @@ from dynident.identification.cross_validation import (
     cross_validated_error,
     cut_excerpts,
 )
-from dynident.identification.dataset import NotFitted, NotJudged, NotLogged, SubstituteUsed, substitute_notes
+from dynident.identification.dataset import (
+    Logs,
+    NotFitted,
+    NotJudged,
+    NotLogged,
+    SubstituteUsed,
+    logs_by_name,
+    substitute_notes,
+)
 from dynident.identification.identify import estimate_parameters, identify
 from dynident.identification.long import InPieces, PiecePlan, identify_from_pieces, plan_pieces
 from dynident.identification.mounting import find_mounting, has_gravity, tilt_base

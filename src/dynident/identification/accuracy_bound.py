@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.identification.cramer_rao import normal_matrices
+from dynident.identification.dataset import Logs
 from dynident.identification.identify import identify
 from dynident.identification.recipe import Recipe
 from dynident.identification.result import Identification
@@ -141,7 +142,7 @@ class AccuracyBound:
 
 def accuracy_bound(
     model: Model,
-    logs: Mapping[str, Log] | Sequence[Log],
+    logs: Logs,
     recipe: Recipe | None = None,
     *,
     sigma_q: Mapping[str, float] | float | None = None,

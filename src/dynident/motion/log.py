@@ -179,7 +179,7 @@ class Log(KeepsFacts):
         object.__setattr__(self, "t", t)
         for name in ("q", "tau", "dq", "command"):
             value = getattr(self, name)
-            if value is not None:
+            if value is not None or name in ("q", "tau"):
                 object.__setattr__(self, name, freeze_matrix(value, len(t), len(joints), name, self.source))
         object.__setattr__(self, "keep", freeze_mask(self.keep, self.q.shape, self.source))
         object.__setattr__(self, "excluded", freeze_mask(self.excluded, self.t.shape, self.source, "excluded"))

@@ -233,10 +233,11 @@ def expected_findings(design: Design) -> Iterator[str]:
         )
         worst = int(np.where(has_value(info) & np.isfinite(info.std), info.relative, -1.0).argmax())
         if np.isfinite(info.std[worst]):
+            unit = design.model.parameters[info.basis.independent[worst]].unit
             yield (
                 f"The least known is {short_formula(info.basis.groupings[worst])}: "
-                f"{number(float(info.value[worst]), 3)} +- {number(float(info.std[worst]), 2)}; what is poorly known "
-                "hardly acts on the torque of this motion."
+                f"{number(float(info.value[worst]), 3)} +- {number(float(info.std[worst]), 2)} {unit}; what is poorly "
+                "known hardly acts on the torque of this motion."
             )
     if unsized := len(info.std) - len(shares):
         yield (

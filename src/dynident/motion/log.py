@@ -84,7 +84,7 @@ def freeze_times(value: ArrayLike, source: str) -> Array:
         i = int(np.flatnonzero(steps <= 0)[0])
         problem = "repeats" if steps[i] == 0 else "runs backwards after"
         raise InputError(
-            f"{source}: time stamp {i + 1} ({t[i + 1]!r} s) {problem} stamp {i} ({t[i]!r} s); "
+            f"{source}: time stamp {i + 1} ({t[i + 1]} s) {problem} stamp {i} ({t[i]} s); "
             "sort the rows by time and drop repeated stamps (the first of each is usually right)."
         )
     return t

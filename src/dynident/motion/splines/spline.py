@@ -124,7 +124,7 @@ class SmoothingSpline(Noun):
         outside = (x < self.t[0]) | (x > self.t[-1])
         if outside.any() and not extrapolate:
             raise InputError(
-                f"t = {x[outside].flat[0]!r} lies outside the data ({self.t[0]} to {self.t[-1]}); "
+                f"t = {x[outside].flat[0]} lies outside the data ({self.t[0]} to {self.t[-1]}); "
                 "pass extrapolate=True to continue as a straight line."
             )
         # the cubic of the interval that holds x; beyond the data, its tangent at the end
@@ -227,7 +227,7 @@ def prepare_data(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Array, list[
     step = time[1:] - time[:-1]
     if not step.min() > 0:
         i = int(np.argmax(step <= 0))
-        raise InputError(f"t[{i + 1}] = {time[i + 1]!r} does not exceed t[{i}] = {time[i]!r}; sort, drop repeats.")
+        raise InputError(f"t[{i + 1}] = {time[i + 1]} does not exceed t[{i}] = {time[i]}; sort, drop repeats.")
     return time, step, data, low, high
 
 

@@ -85,8 +85,8 @@ def main() -> None:
         from rclpy.signals import SignalHandlerOptions
 
         goal = read_goal(arguments.file)
-    except (ImportError, OSError) as error:
-        sys.exit(f"{error}. A shell is needed in which ROS 2 is set up, and the file of a motion.")
+    except (ImportError, OSError) as lack:
+        sys.exit(f"{lack}. A shell is needed in which ROS 2 is set up, and the file of a motion.")
     # with handlers of its own, rclpy would be shut down by Ctrl-C before it can cancel
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:

@@ -149,6 +149,18 @@ def test_a_closed_output_is_no_fault(tmp_path: Path) -> None:
     assert subprocess.run(["sh", "-c", command], cwd=tmp_path, check=False).returncode == 0
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="closes standard error by a shell")
+def test_no_file_gets_the_number_of_a_closed_standard_error(tmp_path: Path) -> None:
+    """Reading Parquet in threads opens files, and redirects standard error: it would hang."""
+    (tmp_path / "opens.py").write_text(
+        "import click, os\nfrom dynident.cli.failures import Commands\n"
+        "opens = click.Command('opens', callback=lambda: exit(os.open('.', os.O_RDONLY)))\n"
+        "Commands(commands=[opens])(['opens'])\n"
+    )
+    command = f"{sys.executable} opens.py 2>&-"
+    assert subprocess.run(["sh", "-c", command], cwd=tmp_path, check=False).returncode > 2
+
+
 def test_an_interrupt_while_a_class_is_made(tmp_path: Path) -> None:
     """``exec`` of a text, in which dataclasses are made, has ``python -m`` end by the signal itself."""
     (tmp_path / "interrupted.py").write_text(

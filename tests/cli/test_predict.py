@@ -183,7 +183,8 @@ class TestExport:
     def test_it_writes_what_identify_does(self, arm: Path, kind: str) -> None:
         files = json.loads((arm / "result.json").read_text())["report"]["exports"]
         (name,) = (one["file"] for one in files if one["format"] == kind)
-        succeed("export", arm / "result.json", "--format", kind, "--out", arm / "again")
+        done = succeed("export", arm / "result.json", "--format", kind, "--out", arm / "again", "-q")
+        assert done.output.splitlines() == [f"Model: {(arm / 'again').resolve()}"]
         if kind == "yaml":
             one, other = (yaml.safe_load((arm / file).read_text())["parameters"] for file in ("again", name))
             assert one == other

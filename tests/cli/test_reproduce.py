@@ -26,7 +26,7 @@ class TestReproduce:
         done = succeed(*words)
         for table in range(2, 8):
             assert f"Table {table}" in done.output
-        assert str(tmp_path / "report.html") in done.output.replace("\n", "")
+        assert f"Files in {tmp_path.resolve()}: report.html" in done.output.replace("\n", "")
         first = json.loads((tmp_path / "deep" / "r.json").read_text())
         rows = pl.read_parquet(tmp_path / "study.parquet")
         assert len(rows) == 18

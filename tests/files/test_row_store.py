@@ -17,6 +17,7 @@ import pytest
 from dynident.files import row_store
 from dynident.files.row_store import RowStore
 from dynident.runtime import InputError
+from dynident.runtime.jobs import JobOptions
 from tests.files.test_folder import failing
 
 SCHEMA = {"name": pl.String, "level": pl.Float64, "run": pl.Int64, "status": pl.String, "value": pl.List(pl.Float64)}
@@ -151,6 +152,23 @@ def test_whatever_stops_a_run_its_rows_are_kept(path: Path, stop: type[BaseExcep
     assert runs(pl.read_parquet(path)) == [0, 1]
     assert list(path.parent.iterdir()) == [path]
     assert not [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer) and thread.is_alive()]
+
+
+@pytest.mark.parametrize(
+    ("rows", "kept"), [((), "No row was finished; run"), ((row(0),), "Finished rows are kept in .*")]
+)
+def test_what_is_kept_of_a_stopped_run_is_told(
+    path: Path, monkeypatch: pytest.MonkeyPatch, rows: tuple[dict[str, Any], ...], kept: str
+) -> None:
+    monkeypatch.setattr(row_store, "run_jobs", lambda *_, **__: map(_refuse, "a"))
+    with store(path) as table:
+        table.add(rows)
+        with pytest.raises(InputError, match=rf"no room\. {kept}"):
+            table.fill(int, [5], key, lambda _: (), JobOptions(), "estimating")
+
+
+def _refuse(_: str) -> None:
+    raise InputError("no room.")
 
 
 @pytest.mark.parametrize("is_written", [False, True])

@@ -73,5 +73,9 @@ def test_what_is_excluded_follows_the_samples() -> None:
     assert cut.excluded.tolist() == [True, False, False, True]
     assert gone.include_all().excluded is None
     assert log.include_all() is log
+    with pytest.raises(InputError, match=r"log: time stamp 2 \(1.0 s\) repeats stamp 1 \(1.0 s\)"):
+        Log([0.0, 1.0, 1.0], np.zeros((3, 1)), np.zeros((3, 1)), ("a",))
+    with pytest.raises(InputError, match=r"log: tau has shape \(1,\), expected \(10, 2\)"):
+        Log(log.t, log.q, None, log.joints)
     with pytest.raises(InputError, match=r"log: excluded has shape \(3,\), expected \(10,\)"):
         Log(t, np.zeros((10, 2)), np.zeros((10, 2)), ("a", "b"), excluded=np.zeros(3, dtype=bool))

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.stats import f
 
 from dynident.apps.demo.arm import true_model
 from dynident.models import CoupledMotor, Joint, Model, RotorInertia
 from dynident.models.friction import Coulomb, Offset, Ripple, Viscous
 from dynident.motion.log import Motion
-from dynident.regression import GroupKind, groups_of, independent_columns, kinds_of, structural_base_parameters
+from dynident.regression import (
+    GroupKind,
+    evidence,
+    groups_of,
+    independent_columns,
+    kinds_of,
+    structural_base_parameters,
+)
 from dynident.regression.groups import repeated_rows
 
 
@@ -77,3 +85,13 @@ def test_a_tenth_of_a_motion_is_passed_again() -> None:
     assert pairs is not None
     assert np.array_equal(pairs, [np.arange(210)] * 2)
     assert repeated_rows(first, Motion(t, q, 0 * q, 0 * q, 0 * q, ("a", "b"), np.arange(2000) < 190)) is None
+
+
+def test_evidence_is_minus_the_logarithm_of_the_tail_of_f_also_where_that_underflows() -> None:
+    gain = np.array([0.0, 1.0, 10.0, 80.0, 300.0])
+    for rank in (1, 2, 10):
+        np.testing.assert_allclose(evidence(gain, rank, 60.0), -f.logsf(gain / rank, rank, 60.0), rtol=1e-9, atol=1e-12)
+    far = evidence(np.array([1e4, 1e10, 1e14, 1e18, 1e22]), 2, 60.0)
+    assert np.diff(far)[0] > 0
+    np.testing.assert_allclose(np.diff(far)[1:], 30 * np.log(1e4), rtol=1e-6, atol=1e-3)
+    assert evidence(np.array([5.0]), np.array([0]), 60.0).tolist() == [0.0]

@@ -90,7 +90,7 @@ def fleet(robots: int = 10, logs: int = 20, odd: str = "", changed: int = 3) -> 
         for one in histories
         for k, (log, day) in enumerate(zip(one.logs, one.days, strict=True))
     ]
-    lost = {"status": Status.TIMED_OUT.value, "reason": f"longer than 5 s{odd}", "verdict": None, "folder": ""}
+    lost = {"status": Status.TIMED_OUT.value, "reason": f"longer than 5 s{odd}.", "verdict": None, "folder": ""}
     rows.append(row(histories[-1].robot, f"logs/late{odd}.parquet", 300.0, logs, error=None, errors=None, **lost))
     kind = f"ur10{odd}"
     return FleetResult(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynident.cli.command_log import command_log, one_line, print_error
+from dynident.cli.command_log import command_log
 from dynident.cli.options import DIRECTORY, FILE, JSON_FILE, FiniteRange, WorkerOptions, add_worker_options
 from dynident.cli.terminal import console, print_files, print_path, status
 from dynident.runtime import report_progress
@@ -176,9 +176,9 @@ def fleet(config: Path, out: Path, rerun: bool, spread: WorkerOptions) -> None:
 
     with status(), spread.executor(*FLEET_MODULES) as executor:
         fleet_result = fleets.fleet(config, out, executor=executor, limits=spread.limits, rerun=rerun)
-    for words in fleet_result.warnings:
-        print_error(one_line(f"Warning: {words}"))
     screen = console()
+    for words in fleet_result.warnings:
+        screen.remark(f"Warning: {words}", "yellow")
     for table in fleet_tables(fleet_result):
         screen.show(table, detail=True)
     for line in fleet_findings(fleet_result):

@@ -12,7 +12,7 @@ import click
 from dynident.cli.failures import command
 from dynident.cli.identification import draft_from_files
 from dynident.cli.options import DIRECTORY, JSON_FILE, WorkerOptions, add_worker_options
-from dynident.cli.terminal import console, print_paths, status
+from dynident.cli.terminal import console, print_files, status
 
 if TYPE_CHECKING:
     from dynident.apps.demo import Comparison
@@ -186,4 +186,4 @@ def reproduce(
     screen.remark(f"Computed by {kernel()}.", detail=True)
     if json_file:
         write_json(json_file, reproduction.summary())
-    print_paths(screen, ("Report",), written)
+    print_files(screen, written)

@@ -134,6 +134,9 @@ class Commands(click.Group):
     def _run_standalone(self, args: Sequence[str] | None, **how: Any) -> NoReturn:
         """Run, and end the process."""
         # streams may be closed, or lack characters: no output may fail before the command has run
+        for stream in (sys.stdin, sys.stdout, sys.stderr):
+            if stream is None:  # no file that is opened may get its number
+                os.open(os.devnull, os.O_RDWR)
         for name in ("stdout", "stderr"):
             if getattr(sys, name) is None:  # closed by who started us
                 setattr(sys, name, io.StringIO())

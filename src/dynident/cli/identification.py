@@ -169,28 +169,22 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
             if folder:
                 model_exports = relocate_exports(folder.path, exports(identification), identification.provenance)
         # written before anything is printed: the reader of a pipe may close it early
-        written = write_result(folder, identification, model_exports) if folder else []
+        written = write_result(folder, identification, model_exports) if folder else ()
         if write_config:
             text = explicit_config(identification, write_config, choice_comments(identification, config.name))
-            written.append(("Configuration", write_text(write_config, text)))
+            write_text(write_config, text)
     screen = console()
     _show_result(screen, identification, model_exports)
     if spread.cluster is not None and not is_spread:
         screen.remark("Note: --cluster was not used: the logs fit the memory, and there is one smoother to try.")
-    _show_files(screen, written)
+    print_files(screen, written)
+    if write_config:
+        print_path(screen, "Configuration", write_config)
     is_chosen = identification.calibration.terms is not None and not write_config
     for k, line in enumerate(_next_commands(config, out, project, chose=is_chosen)):
         screen.remark(line, no_wrap=True, detail=k > 0)
     verdict = verdict_text(identification, None if command_log().verbose else HEAD_SENTENCES)
     screen.say(verdict, f"bold {STYLES[judge(identification).use]}")
-
-
-def _show_files(screen: Screen, written: Sequence[tuple[str, Path]]) -> None:
-    """Print the files of the result in one line, and where the configuration is."""
-    files = [path for label, path in written if label != "Configuration"]
-    print_files(screen, files)
-    for label, path in written[len(files) :]:
-        print_path(screen, label, path)
 
 
 def _show_result(screen: Screen, identification: Identification, model_exports: Sequence[Export]) -> None:
@@ -246,17 +240,15 @@ def _next_commands(config: Path, out: Path | None, project: Project, *, chose: b
 
 def write_result(
     folder: ResultFolder, identification: Identification, model_exports: Sequence[Export]
-) -> list[tuple[str, Path]]:
-    """Write the model's files, result.json and report.html; return what was written where."""
+) -> tuple[Path, ...]:
+    """Write the model's files, result.json and report.html; return their paths."""
     from dynident.project.saved import model_files
     from dynident.report.identification.report import run_files
 
     files = {export.file: export.written.text for export in model_exports if export.ready and export.written}
-    kinds = dict.fromkeys(files, "Model") | {"result.json": "Result", "report.html": "Report"}
     files |= run_files(identification, model_exports)
     # the models of an earlier run would pass for this one's
-    paths = folder.replace(files, removed=model_files(folder.path / "result.json", identification.provenance))
-    return [(kinds[path.name], path) for path in paths]
+    return folder.replace(files, removed=model_files(folder.path / "result.json", identification.provenance))
 
 
 def _check_format(ctx: click.Context, option: click.Parameter, kind: str) -> str:
@@ -307,6 +299,7 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     notes += [f"Not in the file: {words}" for words in shown]
     notes += [f"Not in the file: {more} more; -v lists them."] * bool(more)
     for note in (*notes, *(f"{words}." for words in model_export.proof.skipped)):
-        screen.say(note)
-    screen.say(f"Reloaded, its torque differs by at most {tiny(model_export.proof.agreement)} of each joint's torque.")
+        screen.remark(note)
+    difference = tiny(model_export.proof.agreement)
+    screen.remark(f"Reloaded: the largest difference of a joint's torque, relative to its norm, is {difference}.")
     print_path(screen, "Model", write_text(out, model_export.written.text))

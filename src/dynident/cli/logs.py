@@ -12,7 +12,7 @@ import click
 from dynident.cli.command_log import print_error
 from dynident.cli.failures import command
 from dynident.cli.options import DIRECTORY, FILE, JSON_FILE, LOG, parse_noise
-from dynident.cli.terminal import console, print_files, print_path, print_paths, say_line, status
+from dynident.cli.terminal import console, print_files, print_path, say_line, status
 
 if TYPE_CHECKING:
     from dynident.checks import CheckResult
@@ -213,7 +213,7 @@ def smooth(
     for note in table.notes:
         screen.remark(f"Warning: {note}", "yellow")
     screen.show(smoothing_table(smoothed.names, smoothed.fit))
-    print_paths(screen, ("Table", "Report"), written)
+    print_files(screen, written)
 
 
 @click.command(short_help="Print a JSON schema, for completion in editors.")

@@ -110,9 +110,9 @@ def excite(
     for line in (*details, *noise_words(project)):
         screen.remark(line, detail=True)
     for line in room_findings(project, design):
-        screen.say(line)
+        screen.remark(line)
     if not any(path.name.startswith(f"{TRIAL}.") for path in written):
-        screen.say(NO_TRIAL)
+        screen.remark(NO_TRIAL)
     print_files(screen, [path for path in written if path.suffix != ".npz"])
     screen.remark(
         "Beside each motion (.csv) are the same as .npz and programs that play it (ROS 2, and where the arm is known "
@@ -199,7 +199,7 @@ def payload(
             unloaded_logs, notes, unloaded_warnings = payload_logs(saved, unloaded, allow_code=allow_code, new=True)
             estimate = find_payload(saved, loaded_logs, unloaded_logs, request)
             estimate = replace(estimate, notes=(*notes, *estimate.notes))
-        written, urdf_notes = _write_payload(folder, estimate, saved) if folder else ([], ())
+        written, urdf_notes = _write_payload(folder, estimate, saved) if folder else ((), ())
     screen = console()
     for table in (payload_table(estimate), shares_table(estimate), *torque_table(estimate), *gains_table(estimate)):
         screen.show(table, detail=True)
@@ -207,7 +207,7 @@ def payload(
         say_line(screen, line)
     for words in (*warnings, *unloaded_warnings, *urdf_notes):
         screen.remark(f"Note: {words}")
-    print_files(screen, [path for _, path in written])
+    print_files(screen, written)
     if out and known_mass is not None:
         next_command = command("payload", result, "LOADED", "--gains", out / "payload.json")
         screen.remark(f"To find another payload with these gains: {next_command}", no_wrap=True)
@@ -216,8 +216,8 @@ def payload(
 
 def _write_payload(
     folder: ResultFolder, estimate: Payload, saved: Identification
-) -> tuple[list[tuple[str, Path]], tuple[str, ...]]:
-    """Write the files of a payload; return their kinds and paths, and notes on the URDF."""
+) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Write the files of a payload; return their paths, and notes on the URDF."""
     from dynident.apps.payload.config import payload_data, payload_name, payload_urdf
     from dynident.apps.payload.report import payload_page
     from dynident.files.results import json_text
@@ -231,9 +231,7 @@ def _write_payload(
         files[payload_name(saved)], urdf_notes = payload_urdf(saved, estimate, folder.path)
     except ModelError as error:
         urdf_notes = (f"no URDF with the payload is written: {error}",)
-    paths = folder.replace(files)
-    kinds = ("Payload", "Report", "Robot with the payload")
-    return list(zip(kinds, paths, strict=False)), urdf_notes
+    return folder.replace(files), urdf_notes
 
 
 @click.command(short_help="Watch a robot and report changes.")

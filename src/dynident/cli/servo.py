@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynident.cli.failures import command
-from dynident.cli.terminal import console, print_files, print_path, print_paths, status
+from dynident.cli.terminal import console, print_files, print_path, status
 from dynident.runtime import number
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def write_chirps(
         files = {"motion.csv": command_csv(motion), "validation.csv": command_csv(validation), "identify.yaml": text}
         written = folder.replace(files)
     screen = console()
-    print_paths(screen, ("Commands", "Commands", "Configuration"), written)
+    print_files(screen, written)
     screen.remark(
         f"{motion.t[-1]:.3g} s at {number(1 / (motion.t[1] - motion.t[0]), 3)} Hz, from the pose of the first row, "
         "where the arm has to be; its torques are not checked. Record what was commanded and reached, under the names "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,12 +22,6 @@ if TYPE_CHECKING:
 def print_path(screen: Screen, label: str, path: Path) -> None:
     """Print where a file was written."""
     screen.say(f"{label}: {path.resolve()}", no_wrap=True)
-
-
-def print_paths(screen: Screen, labels: Iterable[str], paths: Iterable[Path]) -> None:
-    """Print where files were written, each with its label; nothing where none was."""
-    for label, path in zip(labels, paths, strict=False):
-        print_path(screen, label, path)
 
 
 def say_line(screen: Screen, line: Line, detail: bool = False) -> None:

@@ -90,6 +90,7 @@ class ResultFolder:
 
     def _stage(self, files: Mapping[str, str | bytes], removed: Iterable[str]) -> None:
         staging = self.path / STAGING_NAME
+        shutil.rmtree(staging, ignore_errors=True)  # of files that could not be written before
         for kind in (NEW_FILES, REMOVED_FILES):
             (staging / kind).mkdir(parents=True)
         for name, content in files.items():

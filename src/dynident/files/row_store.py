@@ -146,18 +146,24 @@ class RowStore:
         """
         pending = [job for job in jobs if key(job) not in self]
         report_progress(Step(words, 0, len(pending)))
-        kept = f"Finished rows are kept in {self.path}; run the same command again to go on."
-        hint = kept if self.path else "No row is kept; name a folder for the results to keep them."
         try:
             for count, result in enumerate(run_jobs(work, pending, options.executor, limits=options.limits), 1):
                 self.add(make_rows(result))
                 report_progress(Step(words, count, len(pending)))
         except KeyboardInterrupt as stop:
-            stop.add_note(hint)
+            stop.add_note(self._kept_rows())
             raise
         except InputError as error:
-            raise InputError(f"{error} {hint}") from error
+            raise InputError(f"{error} {self._kept_rows()}") from error
         return len(pending)
+
+    def _kept_rows(self) -> str:
+        """Return what is kept of work that was stopped, as a sentence."""
+        if self.path is None:
+            return "No row is kept; name a folder for the results to keep them."
+        if not len(self):
+            return "No row was finished; run the same command again."
+        return f"Finished rows are kept in {self.path}; run the same command again to go on."
 
     def save(self) -> None:
         """Write the rows that are not yet in a part; InputError where that fails, and they stay in memory."""

@@ -15,7 +15,15 @@ from dynident.identification.bootstrap import Bootstrap, bootstrap
 from dynident.identification.calibration import Calibration, with_plain_terms
 from dynident.identification.cramer_rao import cramer_rao_bound, information, normal_matrices, variance
 from dynident.identification.cross_validation import Gain, cross_validated_error
-from dynident.identification.dataset import NotFitted, NotJudged, NotLogged, SubstituteUsed, substitute_notes
+from dynident.identification.dataset import (
+    Logs,
+    NotFitted,
+    NotJudged,
+    NotLogged,
+    SubstituteUsed,
+    logs_by_name,
+    substitute_notes,
+)
 from dynident.identification.identify import estimate_parameters, identify
 from dynident.identification.long import InPieces, PiecePlan, identify_from_pieces, plan_pieces
 from dynident.identification.mounting import find_mounting, has_gravity, tilt_base

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.identification.cramer_rao import normal_matrices
+from dynident.identification.dataset import Logs, logs_by_name
 from dynident.identification.identify import identify
 from dynident.identification.recipe import Recipe
 from dynident.identification.result import Identification
@@ -141,7 +142,7 @@ class AccuracyBound:
 
 def accuracy_bound(
     model: Model,
-    logs: Mapping[str, Log] | Sequence[Log],
+    logs: Logs,
     recipe: Recipe | None = None,
     *,
     sigma_q: Mapping[str, float] | float | None = None,
@@ -167,9 +168,8 @@ def accuracy_bound(
     """
     recipe = recipe or Recipe()
     recipe = replace(recipe, estimator=recipe.estimator.quick())
-    logs_by_name = logs if isinstance(logs, Mapping) else {log.source: log for log in logs}
     # without controllers, so that no estimator simulates their loop
-    open_logs = {name: replace(log, controller=None) for name, log in logs_by_name.items()}
+    open_logs = {name: replace(log, controller=None) for name, log in logs_by_name(logs, "logs").items()}
     identification = identify(model, open_logs, (), replace(recipe, restart=None))
     joints = tuple(joint.name for joint in model.joints)
     if sigma_q is None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +28,8 @@ from dynident.runtime import (
 )
 from dynident.validation import LogValidation
 
-Logs = Mapping[str, Mapping[str, Log]]
+Logs = Log | Mapping[str, Log] | Sequence[Log]  # as they are given
+LogsByRole = Mapping[str, Mapping[str, Log]]
 Motions = dict[str, dict[str, Motion]]
 MAX_EXCLUDED_SHARE = 0.05  # share of a held-out log that may be excluded without a warning
 
@@ -123,15 +126,15 @@ class Dataset(Noun):
     """Logs by role ("train", "validation") and name: as ``recorded``, without rests at their ends (``trimmed``), and
     without outliers in what is smoothed and fitted (``repaired``)."""
 
-    recorded: Logs
-    trimmed: Logs
-    repaired: Logs
+    recorded: LogsByRole
+    trimmed: LogsByRole
+    repaired: LogsByRole
 
     @classmethod
     def of(
         cls,
-        train: Mapping[str, Log] | Sequence[Log],
-        validation: Mapping[str, Log] | Sequence[Log],
+        train: Logs,
+        validation: Logs,
         recipe: Recipe,
         joints: tuple[str, ...],
     ) -> Dataset:
@@ -140,7 +143,7 @@ class Dataset(Noun):
         ConfigError where none is to be fitted or joints that are not are unknown, InputError where no torque is.
         """
         recipe.check_joints(joints)
-        roles = {"train": _logs_by_name(train), "validation": _logs_by_name(validation)}
+        roles = {"train": logs_by_name(train, "logs"), "validation": logs_by_name(validation, "validation")}
         if not roles["train"]:
             raise ConfigError("no training log is given; name at least one.")
         if not any(log.tau.any() for log in roles["train"].values()):
@@ -219,10 +222,27 @@ def _check_speeds(recipe: Recipe, speeds: tuple[float, ...] | None, motions: Seq
         )
 
 
-def _logs_by_name(logs: Mapping[str, Log] | Sequence[Log]) -> dict[str, Log]:
-    if isinstance(logs, Mapping):
-        return dict(logs)
-    by_name = {log.source: log for log in logs}
-    if len(by_name) != len(logs):
-        raise ConfigError(f"two logs have the same source among {[log.source for log in logs]}; give them by name.")
-    return by_name
+def logs_by_name(logs: Any, argument: str) -> dict[str, Log]:
+    """Return the logs by name; InputError where one is not a Log, ConfigError where two have one name."""
+    if isinstance(logs, str | Path):
+        raise InputError(f"{argument}: {str(logs)!r} is a file; read it with `read_log`, which asks for its columns.")
+    several = (logs,) if isinstance(logs, Log) else logs
+    if not isinstance(several, Iterable):
+        raise InputError(
+            f"{argument}: a {type(logs).__name__} is given; give a Log, logs by name, or a sequence of them."
+        )
+    pairs = (
+        list(several.items())
+        if isinstance(several, Mapping)
+        else [(getattr(entry, "source", ""), entry) for entry in several]
+    )
+    for name, log in pairs:
+        if not isinstance(log, Log):
+            hint = "; give its `log`" if isinstance(getattr(log, "log", None), Log) else ""
+            hint = "; read the file with `read_log`" if isinstance(log, str | Path) else hint
+            raise InputError(f"{argument}: {name!r} is a {type(log).__name__}, not a Log{hint}.")
+    if len(dict(pairs)) < len(pairs):
+        raise ConfigError(
+            f"{argument}: two logs have the same source among {[name for name, _ in pairs]}; give them by name."
+        )
+    return dict(pairs)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -13,7 +13,7 @@ from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
 from dynident.identification.base_tilt import BaseTilt
 from dynident.identification.calibration import Calibration, choose_setup
-from dynident.identification.dataset import Dataset, NotFitted, RoleMotions, exclusion_notes, substitute_notes
+from dynident.identification.dataset import Dataset, Logs, NotFitted, RoleMotions, exclusion_notes, substitute_notes
 from dynident.identification.motion_errors import MotionErrors, motion_errors
 from dynident.identification.outliers import held_out_outliers
 from dynident.identification.recipe import Recipe
@@ -44,8 +44,8 @@ ROLES: tuple[Literal["train", "validation"], ...] = ("train", "validation")
 
 def identify(
     model: Model,
-    train: Mapping[str, Log] | Sequence[Log],
-    validation: Mapping[str, Log] | Sequence[Log] = (),
+    train: Logs,
+    validation: Logs = (),
     recipe: Recipe | None = None,
     *,
     executor: Executor | None = None,

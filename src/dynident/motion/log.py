@@ -84,7 +84,7 @@ def freeze_times(value: ArrayLike, source: str) -> Array:
         i = int(np.flatnonzero(steps <= 0)[0])
         problem = "repeats" if steps[i] == 0 else "runs backwards after"
         raise InputError(
-            f"{source}: time stamp {i + 1} ({t[i + 1]!r} s) {problem} stamp {i} ({t[i]!r} s); "
+            f"{source}: time stamp {i + 1} ({t[i + 1]} s) {problem} stamp {i} ({t[i]} s); "
             "sort the rows by time and drop repeated stamps (the first of each is usually right)."
         )
     return t
@@ -179,7 +179,7 @@ class Log(KeepsFacts):
         object.__setattr__(self, "t", t)
         for name in ("q", "tau", "dq", "command"):
             value = getattr(self, name)
-            if value is not None:
+            if value is not None or name in ("q", "tau"):
                 object.__setattr__(self, name, freeze_matrix(value, len(t), len(joints), name, self.source))
         object.__setattr__(self, "keep", freeze_mask(self.keep, self.q.shape, self.source))
         object.__setattr__(self, "excluded", freeze_mask(self.excluded, self.t.shape, self.source, "excluded"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import fields, replace
 from pathlib import Path
@@ -14,7 +14,16 @@ from dynident import checks, identification
 from dynident.checks import CheckResult
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
 from dynident.files.xml_text import SUFFIXES
-from dynident.identification import AccuracyBound, Identification, NotLogged, Recipe, TorqueNoise, has_gravity
+from dynident.identification import (
+    AccuracyBound,
+    Identification,
+    Logs,
+    NotLogged,
+    Recipe,
+    TorqueNoise,
+    has_gravity,
+    logs_by_name,
+)
 from dynident.models import Joint, Model
 from dynident.models.robot_files import RobotJointLimits
 from dynident.motion.log import Log
@@ -30,7 +39,6 @@ from dynident.runtime import ConfigError, Finding, InputError, ModelError, Note,
 from dynident.runtime.families import ESTIMATORS, SMOOTHERS
 
 Robot = Model | str | Path
-Logs = Log | Mapping[str, Log] | Sequence[Log]
 Channels = Mapping[str, Any]
 HERE = {"folder": ".", "code": "."}  # where relative names start
 
@@ -109,7 +117,7 @@ def identify(
     for name in changes:
         if name not in field_names:
             raise ConfigError(f"identify: {name!r} is no field of a recipe; {choices(name, field_names)}")
-    trained, held_out = _logs_by_name(logs, "logs"), _logs_by_name(validation, "validation")
+    trained, held_out = logs_by_name(logs, "logs"), logs_by_name(validation, "validation")
     model, notes = _to_model(robot, (*trained.values(), *held_out.values()), joints, lock)
     parts = {  # by their names
         name: build(family, {"kind": kind}, name)
@@ -135,7 +143,7 @@ def check(robot: Robot, logs: Logs, validation: Logs = (), recipe: Recipe | None
     >>> dy.check("gallery:two_link_arm", still).has_errors
     True
     """
-    roles = {"train": _logs_by_name(logs, "logs"), "validation": _logs_by_name(validation, "validation")}
+    roles = {"train": logs_by_name(logs, "logs"), "validation": logs_by_name(validation, "validation")}
     model, notes = _to_model(robot, [log for named_logs in roles.values() for log in named_logs.values()])
     findings = tuple(Finding(note, source=model.name) for note in notes)
     return checks.run_checks(model, roles, _recipe_for(recipe, model), initial_findings=findings)
@@ -163,7 +171,7 @@ def accuracy_bound(
     >>> bound
     <AccuracyBound of 2 base parameters from 973 samples; least known: h 0.047 %, J 0.046 %>
     """
-    named_logs = _logs_by_name(logs, "logs")
+    named_logs = logs_by_name(logs, "logs")
     model, notes = _to_model(robot, tuple(named_logs.values()))
     recipe = _recipe_for(recipe, model)
     bound = identification.accuracy_bound(
@@ -308,32 +316,6 @@ def _choosing_terms(recipe: Recipe, model: Model) -> Recipe:
     if not model.chooses_terms:
         return recipe
     return replace(recipe, terms="auto", proposed=tuple(dict.fromkeys((*recipe.proposed, *model.proposed))))
-
-
-def _logs_by_name(logs: Any, argument: str) -> dict[str, Log]:
-    """Return the logs by name; InputError where one is not a Log, ConfigError where two have one name."""
-    if isinstance(logs, str | Path):
-        raise InputError(f"{argument}: {str(logs)!r} is a file; read it with `read_log`, which asks for its columns.")
-    several = (logs,) if isinstance(logs, Log) else logs
-    if not isinstance(several, Iterable):
-        raise InputError(
-            f"{argument}: a {type(logs).__name__} is given; give a Log, logs by name, or a sequence of them."
-        )
-    pairs = (
-        list(several.items())
-        if isinstance(several, Mapping)
-        else [(getattr(entry, "source", ""), entry) for entry in several]
-    )
-    for name, log in pairs:
-        if not isinstance(log, Log):
-            hint = "; give its `log`" if isinstance(getattr(log, "log", None), Log) else ""
-            hint = "; read the file with `read_log`" if isinstance(log, str | Path) else hint
-            raise InputError(f"{argument}: {name!r} is a {type(log).__name__}, not a Log{hint}.")
-    if len(dict(pairs)) < len(pairs):
-        raise ConfigError(
-            f"{argument}: two logs have the same source among {[name for name, _ in pairs]}; give them by name."
-        )
-    return dict(pairs)
 
 
 def _declared_config(path: str | Path, channels: Mapping[str, Any], settings: Mapping[str, Any]) -> Config:

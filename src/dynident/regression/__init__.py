@@ -14,6 +14,7 @@ from dynident.regression.groups import (
     GroupKind,
     ParameterGroup,
     Repeat,
+    evidence,
     groups_of,
     independent_columns,
     kinds_of,

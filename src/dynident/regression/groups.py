@@ -32,6 +32,7 @@ MAX_PASS_DIFFERENCE = 5.0  # %, difference of positions below which the samples 
 MIN_OTHER_DIFFERENCE = 50.0
 MAX_COARSE_POINTS = 2**12  # points of the time axis on which passes are sought
 MIN_SHARED_SHARE = 0.1  # share of a log that must have been passed twice
+MIN_TAIL = 1e-280  # below, the tail probability of a change is given by its leading term
 MIN_RANGE_SHARE = 0.05  # of the largest range of a joint: with a smaller one a joint hardly moves
 
 
@@ -335,3 +336,19 @@ def independent_columns(columns: Array) -> list[int]:
             columns_kept.append(k)
             basis = np.column_stack([basis, remainder / size])
     return columns_kept
+
+
+def evidence(gain: Array, rank: NDArray[np.intp] | int, dof: float) -> Array:
+    """Return -log P(F > gain / rank) for gains of F with ``rank`` and ``dof`` degrees of freedom; zero for rank
+    0.
+    """
+    from scipy.special import betainc, betaln
+
+    k = np.broadcast_to(np.asarray(rank, dtype=float), np.shape(gain))
+    a, b = dof / 2, np.maximum(k, 1.0) / 2
+    z = dof / (dof + np.maximum(gain, 0.0))
+    tail = betainc(a, b, z)
+    # in the far tail, where the incomplete beta function underflows
+    leading_term = -a * np.log(z) + np.log(a) + betaln(a, b)  # betainc(a, b, z) = z^a / (a B(a, b)) of small z
+    log_tail = np.where(tail > MIN_TAIL, -np.log(np.maximum(tail, MIN_TAIL)), leading_term)
+    return np.asarray(np.where(k > 0, np.maximum(log_tail, 0.0), 0.0))

@@ -36,8 +36,12 @@ class Line:
 
 
 def note_lines(notes: Iterable[Note]) -> list[Line]:
-    """Return notes as lines for a terminal, each with its severity in front."""
-    return [Line(f"{note.severity.prefix}{note}", note.severity) for note in notes]
+    """Return notes as lines for a terminal, each with its severity in front and a full stop at its end."""
+    texts = ((note, str(note)) for note in notes)
+    return [
+        Line(f"{note.severity.prefix}{text}{'' if text.endswith(('.', '?')) else '.'}", note.severity)
+        for note, text in texts
+    ]
 
 
 def motion_known(identification: Identification) -> str:

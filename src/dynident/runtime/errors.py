@@ -52,6 +52,8 @@ def choices(wrong: object, alternatives: Iterable[str]) -> str:
     if not names:
         return "there is none to choose from."
     closest = get_close_matches(str(wrong), names, n=1)
+    if closest == names:
+        return f"did you mean {closest[0]!r}?"
     hint = f"did you mean {closest[0]!r}? " if closest else ""
     listing = ", ".join(repr(name) for name in names[:20]) + (", ..." if len(names) > 20 else "")
     return f"{hint}{'Choose' if hint else 'choose'} from {listing}."

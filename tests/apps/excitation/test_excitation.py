@@ -14,7 +14,7 @@ from dynident.apps.excitation import Criterion, Program
 from dynident.apps.excitation.config import NoiseOrigin, knowledge_of_result
 from dynident.apps.excitation.expected_report import body_words, shape_words
 from dynident.apps.excitation.files import recording_config
-from dynident.apps.excitation.robot import read_excitation
+from dynident.apps.excitation.robot import DURATIONS, read_excitation
 from dynident.models import Box, Cylinder, EmptySpace, Floor
 from dynident.runtime import ConfigError, InputError
 from tests.apps.excitation.arms import TWO
@@ -129,6 +129,12 @@ def test_a_period_that_nobody_gives_fits_the_duration(robot: Path) -> None:
     assert read_excitation(robot, None, {"duration": 3.0}).request.period == pytest.approx(1.8)
     assert read_excitation(robot).request.period == 5.0
     assert read_excitation(robot, None, {"duration": 3.0, "period": 2.5}).request.period == 2.5
+
+
+def test_a_program_of_one_joint_after_the_other_has_more_time_where_nobody_gives_it(robot: Path) -> None:
+    durations = {name: read_excitation(robot, None, {"program": name}).request.duration for name in DURATIONS}
+    assert durations == {"motion": 30.0, "friction": 60.0, "gravity": 30.0, "all": 150.0}
+    assert read_excitation(robot, None, {"program": "all", "duration": 40.0}).request.duration == 40.0
 
 
 def test_folders_of_packages_are_relative_to_their_settings(robot: Path, tmp_path: Path) -> None:

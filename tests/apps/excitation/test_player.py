@@ -105,6 +105,17 @@ def test_the_printed_command_sends_the_motion(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("lacking", "words"), [("ros/rclpy/signals.py", "rclpy"), ("motion.trajectory.yaml", "motion")]
+)
+def test_what_is_lacking_is_said(folder: Path, lacking: str, words: str) -> None:
+    (folder / lacking).rename(folder / "elsewhere")
+    command = [sys.executable, PLAYER, "motion.trajectory.yaml"]
+    variables = os.environ | {"PYTHONPATH": str(folder / "ros")}
+    done = subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, check=False)
+    assert (done.returncode, "Traceback" in done.stderr, words in done.stderr) == (1, False, True)
+
+
+@pytest.mark.parametrize(
     ("answer", "state", "words"),
     [
         ("absent", {}, "nothing answers at /joint_trajectory_controller/follow_joint_trajectory"),

@@ -1,5 +1,7 @@
 """Changes of robots are found, quiet ones stay quiet, and what a type shares is told."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from dynident.apps.fleets import ChangeShape, History, find_changes, pool_robots
@@ -92,6 +94,19 @@ def test_one_of_three_robots_does_not_hide_in_its_own_scatter() -> None:
         rng = np.random.default_rng(seed)
         found = find_changes(fleet(rng, 3, 4, {1: rises}), GROUPS, rng, draws=300)
         assert {(one.robot, GROUPS.index(one.group)) for one in found.changes} == {("robot1", FRICTION_A)}
+
+
+def test_a_group_of_many_directions_does_not_hide_the_changes_of_others() -> None:
+    """Of few logs its gain has a heavy tail by chance, with which only its own gain compares."""
+    wide = replace(GROUPS[PAYLOAD], directions=np.delete(np.eye(B), [4, 5], axis=1))
+
+    def rises(log: int, value: np.ndarray) -> None:
+        value[4:6] *= 1 + 3 * (log >= 3)
+
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        found = find_changes(fleet(rng, 3, 6, {1: rises}), [*GROUPS, wide], rng, draws=300)
+        assert [(one.robot, one.group) for one in found.changes] == [("robot1", GROUPS[FRICTION_A])]
 
 
 def test_too_few_logs_say_nothing_and_are_named() -> None:

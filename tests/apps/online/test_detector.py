@@ -7,10 +7,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.stats import f
 
 from dynident.apps.online import Alarm, BaselineKnown, Changed, Event, NewMotion, Passed, Unsteady
-from dynident.apps.online.candidates import evidence, gains, threshold
+from dynident.apps.online.candidates import gains, threshold
 from dynident.apps.online.detector import Detector, Knowledge
 from dynident.apps.online.scores import MAX_EQUAL_LENGTHS, Scorer, Scores, Sums, _score_spread, push_sums, suffix_sums
 from dynident.regression import GroupKind
@@ -37,16 +36,6 @@ def test_windows_that_end_now_have_the_sums_of_their_blocks_and_are_known_to_a_s
     lengths = sums["count"]
     assert lengths[0] == 1
     assert (lengths[1:] <= lengths[:-1] + np.maximum(2, 0.5 * lengths[:-1])).all()
-
-
-def test_evidence_is_minus_the_logarithm_of_the_tail_of_f_also_where_that_underflows() -> None:
-    gain = np.array([0.0, 1.0, 10.0, 80.0, 300.0])
-    for rank in (1, 2, 10):
-        np.testing.assert_allclose(evidence(gain, rank, 60.0), -f.logsf(gain / rank, rank, 60.0), rtol=1e-9, atol=1e-12)
-    far = evidence(np.array([1e4, 1e10, 1e14, 1e18, 1e22]), 2, 60.0)
-    assert np.diff(far)[0] > 0
-    np.testing.assert_allclose(np.diff(far)[1:], 30 * np.log(1e4), rtol=1e-6, atol=1e-3)
-    assert evidence(np.array([5.0]), np.array([0]), 60.0).tolist() == [0.0]
 
 
 def test_gains_are_of_the_directions_that_are_shown() -> None:

@@ -216,6 +216,7 @@ def test_bad_data(t: list[float], y: list[float], error: type[Exception], words:
 @pytest.mark.parametrize(
     ("rule", "options", "words"),
     [
+        ("gcv", {}, r"rule is 'gcv'; give a rule, such as Constraint\(\)"),
         (Constraint(S=-1), {}, "S is -1"),
         (Constraint(S=np.nan), {}, "S is nan"),
         (Constraint(S=[1.0, 2.0]), {"columns": 3}, "S has 2 entries"),

@@ -43,6 +43,12 @@ class TestExportModel:
         (tmp_path / "arm.urdf").mkdir()
         assert len(dy.export_model(found, tmp_path / "arm.urdf")) == len(dy.export_model(found, tmp_path / "v1.2")) == 2
 
+    def test_a_saved_result_is_written_without_its_recordings(self, found: dy.Identification, tmp_path: Path) -> None:
+        found.save(tmp_path / "result.json")
+        saved = dy.load(tmp_path / "result.json", found.model)
+        pairs = zip(dy.export_model(found, tmp_path / "a"), dy.export_model(saved, tmp_path / "b"), strict=True)
+        assert all(file.read_bytes() == again.read_bytes() for file, again in pairs)
+
     def test_mistakes_are_named(self, found: dy.Identification, tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match="no format 'yml'; did you mean 'yaml'"):
             dy.export_model(found, tmp_path, "yml")

@@ -49,6 +49,14 @@ def test_the_size_of_what_is_left_out_is_said_where_it_is_no_rounding(offset, is
     assert any(note.startswith("what it leaves out is") for note in notes) == is_said
 
 
+def test_only_joints_whose_torque_is_left_out_are_named() -> None:
+    some = identified()
+    value = np.where([name.startswith("offset") for name in some.model.names], 0.0, some.value)
+    value[some.model.names.index("offset_rail")] = 0.3
+    notes = export(replace(some, value=value), PinocchioFile(), STATES).written.notes
+    assert any(note.endswith("over the states compared, 0.3 N at 'rail'") for note in notes)
+
+
 @pytest.mark.parametrize("exporter", [FORMATS[0], *FORMATS[2:]], ids=lambda exporter: exporter.format)
 def test_a_wrong_value_is_noticed(exporter):
     made = export(identified(), exporter, STATES)

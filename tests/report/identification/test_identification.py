@@ -245,7 +245,7 @@ def test_what_the_checks_found_besides_is_said(identification):
 
 def test_notes_leave_a_short_warning_whole(identification):
     unseen = Line("The data do not determine these parameters one by one (values in the report): theta3.")
-    assert identification_notes(identification) == [unseen, Line("Warning: elbow hardly moves", Severity.WARNING)]
+    assert identification_notes(identification) == [unseen, Line("Warning: elbow hardly moves.", Severity.WARNING)]
 
 
 def test_errors_stand_beside_what_the_sensors_allow(identification, page):

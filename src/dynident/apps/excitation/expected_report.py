@@ -36,6 +36,7 @@ _ORIGINS = {
 RANGE_MARGIN = 0.08  # share of a range above and below it
 
 WELL, FAIR = 10.0, 30.0  # %, of the value: standard errors of what is known well, and fairly
+RATES = {"velocity": "/s", "acceleration": "/s^2", "jerk": "/s^3"}  # of the unit of a position
 DURATION_FACTOR = 4.0  # times the duration
 MIN_RELATIVE_VALUE = 1e-9  # of the largest value
 MAX_LISTED = 6  # parameters in a sentence
@@ -138,8 +139,9 @@ def limit_words(design: Design) -> Iterator[str]:
             yield f"The torque of {whose} has no limit: it was not looked at."
             continue
         k = design.limits.joints.index(joints[0])
-        size = "" if name == "position" else f" (at {joints[0]} {number(float(getattr(design.limits, name)[k]), 3)})"
-        yield f"Limits of {name} of {whose} are by rule{size}: give your robot's own, if they are known."
+        size = number(float(getattr(design.limits, name)[k]), 3) if name in RATES else ""
+        example = f" (at {joints[0]} {size} {design.model.joints[k].unit}{RATES[name]})" if size else ""
+        yield f"Limits of {name} of {whose} are by rule{example}: give your robot's own, if they are known."
     if arm := usual_arm(design.model, design.limits):
         kinds = " and ".join(next(iter(arm.limits.values())))
         yield (
@@ -231,10 +233,11 @@ def expected_findings(design: Design) -> Iterator[str]:
         )
         worst = int(np.where(has_value(info) & np.isfinite(info.std), info.relative, -1.0).argmax())
         if np.isfinite(info.std[worst]):
+            unit = design.model.parameters[info.basis.independent[worst]].unit
             yield (
                 f"The least known is {short_formula(info.basis.groupings[worst])}: "
-                f"{number(float(info.value[worst]), 3)} +- {number(float(info.std[worst]), 2)}; what is poorly known "
-                "hardly acts on the torque of this motion."
+                f"{number(float(info.value[worst]), 3)} +- {number(float(info.std[worst]), 2)} {unit}; what is poorly "
+                "known hardly acts on the torque of this motion."
             )
     if unsized := len(info.std) - len(shares):
         yield (

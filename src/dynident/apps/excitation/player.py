@@ -80,10 +80,13 @@ def main() -> None:
     parser.add_argument("file", help="NAME.trajectory.yaml")
     parser.add_argument("--controller", default="joint_trajectory_controller", help="its name in ROS 2")
     arguments = parser.parse_args()
-    import rclpy
-    from rclpy.signals import SignalHandlerOptions
+    try:
+        import rclpy
+        from rclpy.signals import SignalHandlerOptions
 
-    goal = read_goal(arguments.file)
+        goal = read_goal(arguments.file)
+    except (ImportError, OSError) as lack:
+        sys.exit(f"{lack}. A shell is needed in which ROS 2 is set up, and the file of a motion.")
     # with handlers of its own, rclpy would be shut down by Ctrl-C before it can cancel
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:

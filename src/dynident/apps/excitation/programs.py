@@ -173,8 +173,8 @@ def _steady_time(runs: list[_JointSweeps], duration: float, path_time: float) ->
     shortest = path_time + sum(run.total_time(MIN_STEADY_TIME) for run in runs)
     if shortest > duration:
         raise TooShortError(
-            f"the friction program takes {shortest:.1f} s for {len(runs)} joints, {path_time:.1f} s of it for ways, "
-            f"but has {duration:.1f} s", shortest,
+            f"the friction program takes {shortest:.1f} s for {len(runs)} joints, {path_time:.1f} s of it between "
+            f"sweeps, but has {duration:.1f} s", shortest,
         )  # fmt: skip
     low, high = MIN_STEADY_TIME, duration
     # bisection: the total time grows with the time at constant speed

@@ -44,6 +44,8 @@ from dynident.runtime.arrays import Array
 
 Robot = RobotSettings | str
 CONFIGS = (".yaml", ".yml")
+# s, of the programs where nobody gives it: one joint after the other takes longer than all at once
+DURATIONS = {"motion": 30.0, "friction": 60.0, "gravity": 30.0, "all": 150.0}
 MAX_PERIOD_SHARE = 0.6  # of the duration, at most, where nobody gives it: the ways take time, too
 
 
@@ -256,13 +258,13 @@ def _motion_settings(
     for package in motion_settings.packages:
         if not os.path.isdir(package):
             raise ConfigError(f"{place}: packages: there is no folder {str(package)!r}.")
+    given = motion_settings.model_fields_set
+    duration = motion_settings.duration if "duration" in given else DURATIONS[motion_settings.program]
     # a default period leaves room for the ways to and from the periodic motion
-    if (
-        "period" not in motion_settings.model_fields_set
-        and motion_settings.period > MAX_PERIOD_SHARE * motion_settings.duration
-    ):
-        return motion_settings.model_copy(update={"period": MAX_PERIOD_SHARE * motion_settings.duration})
-    return motion_settings
+    period = motion_settings.period if "period" in given else min(motion_settings.period, MAX_PERIOD_SHARE * duration)
+    # what nobody gives stays a default in the files that are written
+    values = {**dict(motion_settings), "duration": duration, "period": period}
+    return ExcitationSettings.model_construct(given, **values)
 
 
 def _start_pose(settings: ExcitationSettings, joints: tuple[str, ...]) -> Array | None:

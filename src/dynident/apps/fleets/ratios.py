@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.fleets.components import History, Scatter, pseudo_inverse, whiten
-from dynident.regression import ParameterGroup
+from dynident.regression import ParameterGroup, evidence
 from dynident.runtime import Noun
 from dynident.runtime.arrays import Array
 
@@ -106,33 +106,31 @@ class LikelihoodRatios(Noun):
 
     def _draw_variance_factors(self, rng: np.random.Generator, draws: int) -> Array:
         """Return factors (N, groups) on the gains, as of variances that were estimated: F instead of chi-square."""
+        dof = self._variance_dof()
+        return np.asarray(dof / rng.chisquare(dof, (draws, len(dof))))
+
+    def _variance_dof(self) -> Array:
+        """Return the degrees of freedom (groups) that the scatter has in the directions of each group.
+
+        As of Hotelling's T^2: an estimated covariance leaves dof - k + 1 of them in k directions.
+        """
         sizes = np.array([part.stop - part.start for part in self.group_slices])
-        # as Hotelling's T^2: an estimated covariance leaves dof - k + 1 degrees of freedom in k directions
-        dof = np.maximum(self.dof - sizes + 1, 1.0)
-        return np.asarray(dof / rng.chisquare(dof, (draws, len(sizes))))
+        return np.asarray(np.maximum(self.dof - sizes + 1, 1.0))
 
     def _clearest_evidence(
         self, basis: Array, values: Array, variance_factors: Array
     ) -> tuple[Array, Candidate | None]:
         """Return the evidence (N) of the clearest change in values (N, K, b), and which it is in the first of them."""
         scores, best = self._scores(basis, values), None
-        # gains of the same rank share one chi-square distribution: the largest of them has the clearest evidence
-        largest: dict[int, tuple[Array, Candidate]] = {}
-        for g, part in enumerate(self.group_slices):
+        top = np.full(len(values), -np.inf)
+        for g, (part, dof) in enumerate(zip(self.group_slices, self._variance_dof(), strict=True)):
             gains, rank = self._gains(basis, scores, part)
             for r in np.unique(rank[rank > 0]).tolist():
                 courses = np.flatnonzero(rank == r)
-                gain = gains[courses].max(axis=0) * variance_factors[:, g]
-                course = g, int(courses[np.argmax(gains[courses, 0])])
-                earlier_gain, earlier_course = largest.get(r, (gain, course))
-                is_larger = gain[0] > earlier_gain[0]
-                largest[r] = np.maximum(earlier_gain, gain), course if is_larger else earlier_course
-        top = np.full(len(values), -np.inf)
-        for r, (gain, course) in largest.items():
-            clearest = evidence(gain, r)
-            if clearest[0] > top[0]:
-                best = course
-            top = np.maximum(top, clearest)
+                clearest = evidence(gains[courses].max(axis=0) * variance_factors[:, g], r, dof)
+                if clearest[0] > top[0]:
+                    best = g, int(courses[np.argmax(gains[courses, 0])])
+                top = np.maximum(top, clearest)
         return top, best
 
     def refine(self, selected: Sequence[Candidate]) -> list[Candidate]:
@@ -212,19 +210,3 @@ def _row_rotations(rows: Array) -> Array:
     U, s, Vt = np.linalg.svd(R)
     is_shown = s > 1e-6 * s[:, :1]
     return np.asarray(U @ (is_shown[:, :, None] * Vt))
-
-
-def evidence(gain: Array, rank: int) -> Array:
-    """Return minus the logarithm of the tail probability of chi-square with ``rank`` degrees of freedom at gain (N).
-
-    Of large gains, whose probability underflows, by the first terms of its asymptotic series.
-    """
-    from scipy.special import gammaincc, gammaln
-
-    a, x = 0.5 * rank, 0.5 * np.asarray(gain)
-    tail = gammaincc(a, x)
-    is_large = tail < 1e-280
-    # log Q(a, x) ~ -x + (a - 1) log x - log Gamma(a) + log(1 + (a - 1) / x), where Q itself underflows
-    large_x = np.where(is_large, x, 1.0)
-    series = large_x - (a - 1) * np.log(large_x) + gammaln(a) - np.log1p((a - 1) / large_x)
-    return np.asarray(np.where(is_large, series, -np.log(np.where(is_large, 1.0, tail))))

@@ -202,9 +202,8 @@ def fleet_findings(fleet: FleetResult) -> list[str]:
         lines.append(f"Too few logs to find changes: {join_names(silent)}.")
     rows = log_rows(fleet)
     for row in failed_rows(rows)[:1]:
-        lines.append(
-            f"{failure_words(rows)} For example {row['log']}: {_shorten_reason(row['reason'] or 'no reason')}."
-        )
+        reason = _shorten_reason(row["reason"] or "no reason").removesuffix(".")
+        lines.append(f"{failure_words(rows)} For example {row['log']}: {reason}.")
     return lines
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.online.scores import Reference, Scores, Sums
-from dynident.regression import GroupKind, ParameterGroup
+from dynident.regression import GroupKind, ParameterGroup, evidence
 from dynident.runtime import Noun
 from dynident.runtime.arrays import Array
 
@@ -20,29 +20,12 @@ MIN_DIRECTION_SHARE = 1e-6  # of the largest information of a direction of the g
 BLOCKS_PER_HOUR = 720  # blocks that are drawn together, with one scatter
 SIMULATED_HOURS = 160
 EXCEEDED_SHARE = 0.3  # share of the hours that exceed the evidence at which chance alarms are counted
-MIN_TAIL = 1e-280  # below, the tail probability is given by its leading term
 MAX_WINDOW = 512  # blocks of the windows in the draws
 # evidence that one block counts as at most, in each group: what is there in it alone is no change
 MAX_BLOCK_EVIDENCE = 12.0
 MIN_INFORMATION_SHARE = 1e-6  # of the largest information of a group's directions: less is none
 RESIDUAL_TOLERANCE = 0.1  # by which the logarithm of what is left of the torque may wander without being a change
 MIN_POSITIVE = 1e-300
-
-
-def evidence(gain: Array, rank: NDArray[np.intp] | int, dof: float) -> Array:
-    """Return -log P(F > gain / rank) for gains of F with ``rank`` and ``dof`` degrees of freedom; zero for rank
-    0.
-    """
-    from scipy.special import betainc, betaln
-
-    k = np.broadcast_to(np.asarray(rank, dtype=float), np.shape(gain))
-    a, b = dof / 2, np.maximum(k, 1.0) / 2
-    z = dof / (dof + np.maximum(gain, 0.0))
-    tail = betainc(a, b, z)
-    # in the far tail, where the incomplete beta function underflows
-    leading_term = -a * np.log(z) + np.log(a) + betaln(a, b)  # betainc(a, b, z) = z^a / (a B(a, b)) of small z
-    log_tail = np.where(tail > MIN_TAIL, -np.log(np.maximum(tail, MIN_TAIL)), leading_term)
-    return np.asarray(np.where(k > 0, np.maximum(log_tail, 0.0), 0.0))
 
 
 def gains(scores: Array, information: Array, covariance: Array) -> tuple[Array, NDArray[np.intp]]:

@@ -86,7 +86,7 @@ def watch_words(settings: WatchSettings) -> str:
     rate = f"one in {number(often, 2)} days" if often > 1 else f"{number(settings.false_alarms, 2)} a day"
     return (
         f"Watching: a baseline of {settings.baseline:g} s of motion without a change first, then changes with at most "
-        f"{rate} by chance; each is sought for in blocks of {settings.block:g} s."
+        f"{rate} by chance, in blocks of {settings.block:g} s."
     )
 
 
@@ -97,7 +97,7 @@ def end_words(watcher: Watcher, events: EventLog, zero: float = float("nan")) ->
     end, (block_count, needed) = f"The stream has ended at {stamp_text(watcher.latest, zero)}", watcher.baseline_blocks
     if block_count < needed:
         return (
-            f"{end}, within the baseline: it has {block_count} of {needed} blocks of motion, and no change was sought. "
+            f"{end}, within the baseline: it has {block_count} of {needed} blocks of motion, too few to find changes. "
             "With --baseline S it is shorter."
         )
     changes = {0: "no change was found", 1: "1 change was found"}.get(
@@ -142,7 +142,7 @@ def _baseline_text(event: BaselineKnown, joints: Sequence[str], zero: float) -> 
     if any(now > MIN_SUSPICIOUS_RATIO * then for _, now, then in pairs):
         warning += "; at one, more than ten times: check that robot, units and gains are those of the result"
     return (
-        f"the baseline since {stamp_text(event.since, zero)} is complete, changes are sought from now on; "
+        f"the baseline since {stamp_text(event.since, zero)} is complete, changes are detected from now on; "
         f"the model leaves (rms, N m or N) {residuals}{warning}"
     )
 

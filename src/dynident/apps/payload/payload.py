@@ -33,9 +33,9 @@ from dynident.apps.payload.estimate import (
     solve_payload,
 )
 from dynident.estimators import LeastSquares
-from dynident.identification import Identification, identify
+from dynident.identification import Identification, Logs, identify
 from dynident.models import Model
-from dynident.motion.log import Log, stack_states
+from dynident.motion.log import stack_states
 from dynident.regression import BaseParameters, structural_base_parameters
 from dynident.runtime import InputError, Note, Noun, report_progress
 from dynident.runtime.arrays import Array
@@ -95,8 +95,8 @@ class Payload(Noun):
 
 def find_payload(
     identification: Identification,
-    loaded: Mapping[str, Log] | Identification,
-    unloaded: Mapping[str, Log] | None = None,
+    loaded: Logs | Identification,
+    unloaded: Logs | None = None,
     request: PayloadRequest | None = None,
 ) -> Payload:
     """Find what the arm of a result carries in recordings ``loaded``, or in a second result of the same arm.
@@ -131,7 +131,7 @@ def find_payload(
     ...     tau = arm.torque(q, dq, ddq, theta) + 0.02 * rng.standard_normal(q.shape)
     ...     return dy.Log(t, q + 1e-5 * rng.standard_normal(q.shape), tau, ("shoulder", "elbow"))
     >>> found = dy.identify(arm, recorded(empty), estimator=dy.LeastSquares())
-    >>> payload = find_payload(found, {"loaded": recorded(full)})
+    >>> payload = find_payload(found, recorded(full))
     >>> f"{payload.body.values[0]:.1f} kg at {payload.body.values[1]:.1f} m"
     '1.0 kg at 0.3 m'
     """
@@ -161,7 +161,7 @@ def find_payload(
     return replace(payload, notes=tuple(notes))
 
 
-def _identify_recordings(identification: Identification, logs: Mapping[str, Log], words: str) -> Identification:
+def _identify_recordings(identification: Identification, logs: Logs, words: str) -> Identification:
     report_progress(f"identifying the recordings {words}")
     estimator = LeastSquares(weights="per_joint")  # the model is on its base as it is tilted
     recipe = replace(identification.recipe, estimator=estimator, base_tilt=None, restart=None, terms=None, proposed=())

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.identification import cross_validated_error
-from dynident.identification.cross_validation import MAX_TIE_DIFFERENCE
+from dynident.identification.smoother_choice import MAX_TIE_DIFFERENCE
 from dynident.models import Model
 from dynident.motion.filters import autocorrelation, welch
 from dynident.motion.log import Log, Motion, thin_motions

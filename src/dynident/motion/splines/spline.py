@@ -124,7 +124,7 @@ class SmoothingSpline(Noun):
         outside = (x < self.t[0]) | (x > self.t[-1])
         if outside.any() and not extrapolate:
             raise InputError(
-                f"t = {x[outside].flat[0]!r} lies outside the data ({self.t[0]} to {self.t[-1]}); "
+                f"t = {x[outside].flat[0]} lies outside the data ({self.t[0]} to {self.t[-1]}); "
                 "pass extrapolate=True to continue as a straight line."
             )
         # the cubic of the interval that holds x; beyond the data, its tangent at the end
@@ -178,6 +178,8 @@ def smooth(
     at 5 s: -0.96, its second derivative 0.96
     """
     rule = Constraint() if rule is None else rule
+    if not isinstance(rule, Rule):
+        raise ConfigError(f"rule is {rule!r}; give a rule, such as Constraint(), GCV() or Fixed(lam=...).")
     if weights is None and (fit := _fit_single(t, y, rule, sigma)) is not None:
         return fit
     time, step, data, low, high = prepare_data(t, y)
@@ -225,7 +227,7 @@ def prepare_data(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Array, list[
     step = time[1:] - time[:-1]
     if not step.min() > 0:
         i = int(np.argmax(step <= 0))
-        raise InputError(f"t[{i + 1}] = {time[i + 1]!r} does not exceed t[{i}] = {time[i]!r}; sort, drop repeats.")
+        raise InputError(f"t[{i + 1}] = {time[i + 1]} does not exceed t[{i}] = {time[i]}; sort, drop repeats.")
     return time, step, data, low, high
 
 
@@ -260,7 +262,7 @@ def _column_sigmas(t: Array, columns: Array, weight: Array | None, sigma: ArrayL
             raise ConfigError(f"sigma has shape {value.shape}; give one number, or one for each of {k} columns.")
         value = np.full(k, value)
         if not all(1 / MAX_VALUE <= number < MAX_VALUE for number in value.tolist()):
-            raise ConfigError(f"sigma is {sigma}; it must be positive (use Interpolation() for no smoothing).")
+            raise ConfigError(f"sigma is {sigma}; it must be positive; without smoothing, interpolate.")
         return value
     if not needed:
         return np.ones(k)

@@ -101,10 +101,11 @@ def exports(identification: Identification, format: str | None = None) -> tuple[
     """Return the robot's own file with the identified values, if there is one, the parameters, and a NumPy module.
 
     With another ``format`` its file is the last. Each is verified on samples of the logs, and has its own torque errors
-    on them, or the reason why it cannot be written.
+    on them, or the reason why it cannot be written. A saved result has no samples: random states take their place.
     """
     identified = identified_model(identification)
-    states = spread(tuple(log.motion for log in identification.validations))
+    motions = tuple(log.motion for log in identification.validations if log.signals is not None)
+    states = spread(motions) if motions else random_states(len(identification.model.joints), np.random.default_rng(0))
     exporters = _usual(identified)
     if format is not None and all(exporter.format != format for exporter in exporters):
         exporters = (*exporters, EXPORTERS.get(format, "format")())
@@ -123,6 +124,8 @@ def _errors(
     for log in identification.validations:
         model_error = file_error = log.errors.relative_error
         if file.written.left_out:
+            if log.signals is None:
+                continue
             motion = log.motion
             parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
             states = [(motion.q[s], motion.dq[s], motion.ddq[s]) for s in parts]
@@ -146,13 +149,17 @@ def _size_notes(written: ExportText, identified: IdentifiedModel, exporter: Expo
     """Yield how large the torque is that a text leaves out, joint by joint, but for terms that depend on the past."""
     if not written.left_out:
         return
-    difference = Numpy().torque(identified, states) - exporter.torque(identified, states)
-    sizes = np.sqrt(np.mean(difference**2, axis=0))
-    if len(difference) and sizes.max() > MIN_TORQUE_SHARE * np.abs(exporter.torque(identified, states)).max():
-        words = [
-            f"{size:.2g} {'N' if joint.kind == 'prismatic' else 'N m'} at {joint.name!r}"
-            for joint, size in zip(identified.model.joints, sizes, strict=True)
-        ]
+    torque = exporter.torque(identified, states)
+    squares = (Numpy().torque(identified, states) - torque) ** 2
+    smallest = MIN_TORQUE_SHARE * np.abs(torque).max(initial=0.0)
+    words = [
+        f"{size:.2g} {joint.effort} at {joint.name!r}"
+        for joint, size in zip(
+            identified.model.joints, np.sqrt(squares.sum(axis=0) / max(len(squares), 1)), strict=True
+        )
+        if size > smallest
+    ]
+    if words:
         yield f"what it leaves out is, as root mean square over the states compared, {join_names(words)}"
 
 

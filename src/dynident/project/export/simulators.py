@@ -164,7 +164,7 @@ class DrakeDirectives:
         ]
         size = float(np.linalg.norm(bodies.gravity))
         world = [] if abs(size - EARTH) < 1e-6 else [f"gravity of {size:g} m/s^2: set it in the plant"]
-        beside = f"it names {name}, which is written beside it by --format drake, in a package {DRAKE_PACKAGE!r}: "
+        beside = f"it names {name}: write that file beside it by --format drake, and name their folder to Drake by "
         beside += f"parser.package_map().Add({DRAKE_PACKAGE!r}, folder)"
         return ExportText("\n".join(lines) + "\n", urdf.left_out, (*urdf.notes, *world, beside))
 
@@ -291,7 +291,7 @@ class IsaacLab(PythonFile):
             URDF=name, GRAVITY=bodies.gravity, BASE_ORIENTATION=_upright(bodies.gravity),
             **joint_table(identified, joint_drives), RANGES=range_table(identified, joint_drives),
         )  # fmt: skip
-        note = f"the module names {name}, which has the inertias: write it beside by --format urdf"
+        note = f"the module names {name}, which has the inertias: write that file beside it by --format urdf"
         return ExportText(ISAAC.replace("#LITERALS", literals), joint_drives.left_out, (*notes, note))
 
     def torque(self, identified: IdentifiedModel, states: States) -> Array:

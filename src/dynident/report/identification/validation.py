@@ -257,14 +257,17 @@ def smooth_columns(
     stamps = table.column(time)
     names = tuple(columns) or tuple(name for name in table.columns if name != time)
     if not names:
-        raise InputError(f"{table.source}: holds no column besides {time!r} to smooth.")
+        raise InputError(f"{table.source}: holds no column of numbers besides {time!r} to smooth.")
     derivatives = [f"{prefix}{name}" for prefix in _PREFIXES[1:] for name in names]
     if clash := next((name for name in derivatives if name in (*names, time)), None):
         raise ConfigError(f"{table.source}: {clash!r} would name both a column and a derivative; choose with --column.")
     if wrong := [name for name in names if len(table.column(name)) != len(stamps)]:
         raise InputError(f"{table.source}: column {wrong[0]!r} and {time!r} differ in length.")
     measured = np.column_stack([table.column(name) for name in names])
-    fit = smooth(unit * stamps, measured, rule, sigma=sigma)
+    try:
+        fit = smooth(unit * stamps, measured, rule, sigma=sigma, names=[f"column {name!r}" for name in names])
+    except InputError as error:
+        raise InputError(f"{table.source}: {error}") from error
     return SmoothedTable(time, stamps, names, measured, fit)
 
 

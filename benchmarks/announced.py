@@ -95,7 +95,7 @@ def arm(name: str, folder: Path, floor: float, duration: float, program: Program
     joints = bodies.joints
     model = Model((bodies, RotorInertia(joints), Viscous(joints), Coulomb(joints), Offset(joints)), name=name)
     limits = motion_limits(model, margin=MARGIN)
-    nominal = np.array([one.value or 0.0 for one in model.parameters])
+    nominal = np.array([parameter.value or 0.0 for parameter in model.parameters])
     torque, speed = limits.torque / (1 - MARGIN), limits.velocity
     truth = true_values() if name == "demo" else nominal.copy()
     if name != "demo":
@@ -106,22 +106,22 @@ def arm(name: str, folder: Path, floor: float, duration: float, program: Program
 
 
 def best_random(
-    one: Arm, periods: int, rng: np.random.Generator, worst: Callable[[ExpectedAccuracy], float]
+    case: Arm, periods: int, rng: np.random.Generator, worst: Callable[[ExpectedAccuracy], float]
 ) -> Trajectory:
     """Return the random motion, of as many periods from rest to rest, whose worst parameter is best."""
-    basis = structural_base_parameters(one.model)
-    interior = build_interior(one.feasible, one.space, one.request, basis)
-    t = np.arange(0.0, one.request.period, 1 / one.request.rate)
-    found, slow, weights = [], min_fit_speeds(one.model, one.limits), periods / one.request.sigma**2
+    basis = structural_base_parameters(case.model)
+    interior = build_interior(case.feasible, case.space, case.request, basis)
+    t = np.arange(0.0, case.request.period, 1 / case.request.rate)
+    result, slow, weights = [], min_fit_speeds(case.model, case.limits), periods / case.request.sigma**2
     for _ in range(RANDOM):
         x = random_motion(interior, rng)
-        information = torque_information(one.model, LinearCourse(interior.family, x).states(t), weights, slow)
-        found.append((worst(expected_accuracy(one.model, one.nominal, information, basis)), x))
-    for _, x in sorted(found, key=lambda pair: pair[0]):
-        if interior.between(x, one.model) is None:
+        information = torque_information(case.model, LinearCourse(interior.family, x).states(t), weights, slow)
+        result.append((worst(expected_accuracy(case.model, case.nominal, information, basis)), x))
+    for _, x in sorted(result, key=lambda pair: pair[0]):
+        if interior.between(x, case.model) is None:
             return Trajectory(
-                one.limits.joints,
-                motion_pieces(one.feasible, interior.family, x, replace(one.request, max_periods=periods), rng),
+                case.limits.joints,
+                motion_pieces(case.feasible, interior.family, x, replace(case.request, max_periods=periods), rng),
             )
     raise SystemExit("none of the random motions keeps to the limits between the points of its grid.")
 
@@ -142,23 +142,23 @@ class Sampled:
         return np.stack([curve.derivative(k)(t) if k else curve(t) for k in range(4)])
 
 
-def other(one: Arm, file: str) -> Trajectory:
+def other(case: Arm, file: str) -> Trajectory:
     """Return the motion of another tool."""
     given = np.load(file)
     values = np.stack([given[key] for key in ("q", "dq", "ddq")])
-    return Trajectory(one.limits.joints, (Piece(Sampled(given["t"] - given["t"][0], values), Purpose.MOTION),))
+    return Trajectory(case.limits.joints, (Piece(Sampled(given["t"] - given["t"][0], values), Purpose.MOTION),))
 
 
-def followed(one: Arm, path: Trajectory, rng: np.random.Generator, runs: int) -> tuple[Array, Array, Array]:
+def followed(case: Arm, path: Trajectory, rng: np.random.Generator, runs: int) -> tuple[Array, Array, Array]:
     """Return times (N), and positions as counted and mean torques (runs, N, n) of closed loops.
 
     The torque of a sample is the mean of the cycles about its time.
     """
-    machine, every = Machine(one.model, one.truth), round(1 / one.request.rate / STEP)
+    machine, every = Machine(case.model, case.truth), round(1 / case.request.rate / STEP)
     steps = int(path.duration / STEP)
     reference, speed = path.states(STEP * np.arange(steps + 1, dtype=float))[:2]
-    masses = np.diagonal(one.model.mass_matrix(reference[::50], one.truth), axis1=1, axis2=2)
-    kv, most = KV * np.quantile(masses, LOW, axis=0), one.limits.torque / (1 - MARGIN)
+    masses = np.diagonal(case.model.mass_matrix(reference[::50], case.truth), axis1=1, axis2=2)
+    kv, most = KV * np.quantile(masses, LOW, axis=0), case.limits.torque / (1 - MARGIN)
     n = len(kv)
     start = rng.uniform(0, COUNT, (runs, n))
     q, dq, ddq, slow = np.tile(reference[0], (runs, 1)), *(np.zeros((runs, n)) for _ in range(3))
@@ -181,41 +181,48 @@ def followed(one: Arm, path: Trajectory, rng: np.random.Generator, runs: int) ->
 
 
 def found(
-    one: Arm, path: Trajectory, told: ExpectedAccuracy, runs: int, seed: int, recipe: Recipe
+    case: Arm, path: Trajectory, told: ExpectedAccuracy, runs: int, seed: int, recipe: Recipe
 ) -> tuple[Array, Array]:
     """Return the errors (runs, r) of the base parameters, and what the fits say of them (runs, r), relative to what was
     announced."""
     rng = np.random.default_rng(seed)
-    t, shown, torque = followed(one, path, rng, runs)
-    errors, own, names = [], [], one.model.names
-    alone = Model(one.model.terms[:1], name=one.model.name)
+    t, shown, torque = followed(case, path, rng, runs)
+    errors, own, names = [], [], case.model.names
+    alone = Model(case.model.terms[:1], name=case.model.name)
     for k, (q, tau) in enumerate(zip(shown, torque, strict=True)):
-        log = Log(t, q, tau + one.request.sigma * rng.standard_normal(tau.shape), one.limits.joints)
+        log = Log(t, q, tau + case.request.sigma * rng.standard_normal(tau.shape), case.limits.joints)
         if recipe.terms is None and k >= WHOLE:  # the same fit, without all that a report needs
             motion = recipe.motion(log)
-            regression = Regression(one.model, (motion,), Selection(min_speed=recipe.min_speeds(one.limits.joints)))
-            value = dict(zip(names, recipe.estimator(Problem(one.model, (motion,), regression)).value, strict=True))
+            regression = Regression(case.model, (motion,), Selection(min_speed=recipe.min_speeds(case.limits.joints)))
+            value = dict(zip(names, recipe.estimator(Problem(case.model, (motion,), regression)).value, strict=True))
         else:
-            result = identify(one.model if recipe.terms is None else alone, {"run": log}, recipe=recipe)
+            result = identify(case.model if recipe.terms is None else alone, {"run": log}, recipe=recipe)
             if recipe.terms is None:  # the smoother of the first recording does for all
                 recipe = replace(recipe, smoother=result.recipe.smoother)
             value = dict(zip(result.model.names, result.estimate.value, strict=True))
             basis, std = result.base.on_data, result.errors.base_std
             if basis is not None and std is not None and basis.leading == told.basis.leading:
                 own.append(std)
-        errors.append(told.basis.combination @ (np.array([value.get(name, 0.0) for name in names]) - one.truth))
+        errors.append(told.basis.combination @ (np.array([value.get(name, 0.0) for name in names]) - case.truth))
     return np.array(errors) / told.std, np.array(own).reshape(-1, len(told.std)) / told.std
 
 
 def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
     """Return the tables of a robot."""
-    one, began = arm(name, folder, given.floor, given.duration, Program(given.program)), time.process_time()
-    made = design(one.model, one.nominal, one.limits, one.space, one.request, np.random.default_rng(given.seed))
+    test_arm, began = arm(name, folder, given.floor, given.duration, Program(given.program)), time.process_time()
+    made = design(
+        test_arm.model,
+        test_arm.nominal,
+        test_arm.limits,
+        test_arm.space,
+        test_arm.request,
+        np.random.default_rng(given.seed),
+    )
     print(f"{name}: {time.process_time() - began:.1f} s of CPU for the design", flush=True)
-    basis, sigma = made.expected.basis, one.request.sigma
-    states = one.model.random_states(np.random.default_rng(0), STATES)
+    basis, sigma = made.expected.basis, test_arm.request.sigma
+    states = test_arm.model.random_states(np.random.default_rng(0), STATES)
     size = np.sqrt(
-        np.square(one.model.regressor(**states)[:, :, list(basis.independent)] / sigma[:, None]).mean((0, 1))
+        np.square(test_arm.model.regressor(**states)[:, :, list(basis.independent)] / sigma[:, None]).mean((0, 1))
     )
 
     def worst(told: ExpectedAccuracy) -> float:
@@ -224,38 +231,38 @@ def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
     periods = sum(piece.purpose is Purpose.MOTION for piece in made.trajectory.pieces)
     motions = {"designed": made.trajectory}
     if periods and not given.no_random:
-        motions["best random"] = best_random(one, periods, np.random.default_rng([given.seed, 1]), worst)
-    motions |= {label: other(one, file) for label, file in (text.split("=") for text in given.other)}
-    slow = min_fit_speeds(one.model, one.limits)
+        motions["best random"] = best_random(test_arm, periods, np.random.default_rng([given.seed, 1]), worst)
+    motions |= {label: other(test_arm, file) for label, file in (text.split("=") for text in given.other)}
+    slow = min_fit_speeds(test_arm.model, test_arm.limits)
     splines = Spline(factor=given.factor) if given.factor else Spline.Settings(rule="torque").build()
     recipe = Recipe(
-        splines, LeastSquares(weights="per_joint"), min_speed=dict(zip(one.limits.joints, slow, strict=True))
+        splines, LeastSquares(weights="per_joint"), min_speed=dict(zip(test_arm.limits.joints, slow, strict=True))
     )
     if given.draft:
         recipe = Recipe(splines, PhysicallyConsistent(), time_offset="estimate", base_tilt="estimate", terms="auto")
     rows: Row = {}
     for label, path in motions.items():
-        planned = path.states(path.times(one.request.rate))
+        planned = path.states(path.times(test_arm.request.rate))
         told = expected_accuracy(
-            one.model, one.truth, torque_information(one.model, planned, 1 / sigma**2, slow), basis
+            test_arm.model, test_arm.truth, torque_information(test_arm.model, planned, 1 / sigma**2, slow), basis
         )
         if told.open_parameters:
             raise SystemExit(
                 f"{name}, {label}: {len(told.open_parameters)} base parameters stay open, the first "
                 f"{told.open_parameters[0]}."
             )
-        errors, own = found(one, path, told, given.runs, given.seed, recipe)
+        errors, own = found(test_arm, path, told, given.runs, given.seed, recipe)
         rows[label] = _row(told, errors, own, size, worst(told)) | {"duration": path.duration}
         print(shown(label, rows[label], basis.leading), flush=True)
     return rows
 
 
-def _row(told: ExpectedAccuracy, errors: Array, own: Array, size: Array, worst: float) -> Row:
+def _row(told: ExpectedAccuracy, errors: Array, array: Array, size: Array, worst: float) -> Row:
     rms, bias = np.sqrt(np.square(errors).mean(axis=0)), errors.mean(axis=0)
     spread = errors.std(axis=0, ddof=1)
     row: Row = {"rms": rms, "spread": spread, "bias": np.abs(bias)}
-    if len(own):
-        row["reported"] = np.sqrt(np.square(own).mean(axis=0))
+    if len(array):
+        row["reported"] = np.sqrt(np.square(array).mean(axis=0))
     row |= {"z": bias / spread * np.sqrt(len(errors)), "announced": worst}
     return row | {"worst": float(100 * (size * told.std * rms).max()), "log_det": told.log_det}
 
@@ -280,7 +287,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--floor", type=float, default=0.0, help="m along z of the root link")
     parser.add_argument("--duration", type=float, default=30.0, help="s")
-    parser.add_argument("--program", default="motion", choices=[one.value for one in Program], help="of the design")
+    parser.add_argument("--program", default="motion", choices=[x.value for x in Program], help="of the design")
     parser.add_argument("--draft", action="store_true", help="identify by the drafted configuration")
     parser.add_argument("--factor", type=float, help="of the noise, that the spline smooths")
     parser.add_argument("--no-random", action="store_true")

@@ -64,13 +64,13 @@ class Arm:
         self.bodies = 10 * joints
         self.t, self.q, self.dq, self.ddq = (x[::2] for x in fourier(joints))
 
-    def log(self, correlation: float, rng: Rng, late: int, theta: Array | None = None) -> Log:
+    def log(self, correlation: float, rng: Rng, delay: int, theta: Array | None = None) -> Log:
         tau = self.true_model.torque(self.q, self.dq, self.ddq, self.theta if theta is None else theta)
         tau = tau + TORQUE * coloured(tau.shape, correlation, rng)
         begin = rng.uniform(0, STEP, self.q.shape[1])
         q = STEP * np.round((self.q + begin) / STEP) - begin
-        stop = len(q) - late
-        return Log(self.t[late:], q[:stop], tau[late:], tuple(joint.name for joint in self.model.joints))
+        stop = len(q) - delay
+        return Log(self.t[delay:], q[:stop], tau[delay:], tuple(joint.name for joint in self.model.joints))
 
     def changed(self) -> tuple[Array, Array]:
         """Return the parameters with the payload, and with other friction and that body on the last link."""

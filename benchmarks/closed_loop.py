@@ -115,7 +115,7 @@ def main() -> None:
     S = information(model, truth, runs[0][0], COUNT / np.sqrt(12), given.noise, substeps=1)
     least = informed_std(basis, S)
     logs = [recorded(*run, given.noise, given.colour, rng) for run, rng in zip(runs, rngs, strict=True)]
-    smoother = align_motion(model, logs[:1], [Spline(factor=one) for one in NOISE_FACTORS], 0.5 / RATE).smoother
+    smoother = align_motion(model, logs[:1], [Spline(factor=x) for x in NOISE_FACTORS], 0.5 / RATE).smoother
     problems = [posed(model, log, smoother) for log in logs]
     for name, estimator in ESTIMATORS.items():
         tell(name, [judged(estimator, problem, truth, basis) for problem in problems], least, basis)
@@ -133,33 +133,34 @@ class Result:
 
 def judged(estimator: Estimator, problem: Problem, truth: np.ndarray, basis: BaseParameters) -> Result:
     began = time.process_time()
-    found = estimator(problem)
+    estimate = estimator(problem)
     took = time.process_time() - began
-    if found.information is not None:
-        std = informed_std(basis, found.information)
+    if estimate.information is not None:
+        std = informed_std(basis, estimate.information)
     else:
-        std = base_std(basis, problem.regression.triangular_factors, found.residual.sigma, found.residual.weights)
-    hac = robust_covariance(problem.regression, found.value, found.residual.weights, basis.independent)
+        std = base_std(basis, problem.regression.triangular_factors, estimate.residual.sigma, estimate.residual.weights)
+    hac = robust_covariance(problem.regression, estimate.value, estimate.residual.weights, basis.independent)
     both = np.stack([std, np.sqrt(np.diag(hac))])
-    notes = tuple(type(note).__name__ for note in found.notes)
-    return Result(basis.combination @ (found.value - truth), both, took, notes)
+    notes = tuple(type(note).__name__ for note in estimate.notes)
+    return Result(basis.combination @ (estimate.value - truth), both, took, notes)
 
 
 def tell(name: str, results: list[Result], least: np.ndarray, basis: BaseParameters) -> None:
-    error, std = np.array([one.error for one in results]), np.array([one.std for one in results])
+    error, std = np.array([result.error for result in results]), np.array([result.std for result in results])
     N, r = error.shape
     ratio, spread = np.sqrt((error**2).mean(axis=0)) / least, error.std(axis=0, ddof=1) / least
     bias = error.mean(axis=0) / least
     z = error.mean(axis=0) / (error.std(axis=0, ddof=1) / np.sqrt(N))
     limit = -ndtri(0.01 / (2 * r))
-    print(f"{name}: {N} runs, {r} base parameters, median {np.median([one.seconds for one in results]):.1f} s of CPU")
+    seconds = np.median([result.seconds for result in results])
+    print(f"{name}: {N} runs, {r} base parameters, median {seconds:.1f} s of CPU")
     for words, x in (("RMSE / bound", ratio), ("spread / bound", spread), ("|bias| / bound", np.abs(bias))):
         print(f"  {words:16s} median {np.median(x):.2f}, worst {x.max():.2f} ({basis.groupings[int(x.argmax())]})")
     beyond = (np.abs(z) > limit).sum()
     print(f"  bias: {beyond} of {r} beyond |z| = {limit:.2f} (1 % for all together), largest {np.abs(z).max():.1f}")
     for words, x in zip(("own", "HAC"), 100 * (np.abs(error[:, None]) < 1.96 * std).mean(axis=0), strict=True):
         print(f"  coverage, 95 % by {words} standard errors: mean {x.mean():.1f} %, least {x.min():.0f} %")
-    notes = Counter(note for one in results for note in one.notes)
+    notes = Counter(note for result in results for note in result.notes)
     print(f"  notes, by runs: {', '.join(f'{note} {count}' for note, count in notes.items()) or 'none'}", flush=True)
 
 

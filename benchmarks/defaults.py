@@ -44,7 +44,7 @@ Row = dict[str, Any]
 
 def found_at(robot: Robot) -> Path | None:
     every = [file for log in (*robot.logs, *robot.more) for file in log.split("+")]
-    return next((place for place in PLACES if all((place / one).exists() for one in every)), None)
+    return next((place for place in PLACES if all((place / x).exists() for x in every)), None)
 
 
 def configured(robot: Robot, data: Path, path: Path) -> Path:
@@ -52,7 +52,7 @@ def configured(robot: Robot, data: Path, path: Path) -> Path:
     model = str(data / robot.model) if robot.model != RAIL else str(path.with_suffix(".urdf"))
     if robot.model == RAIL:
         Path(model).write_text(RAIL, encoding="utf-8")
-    logs = ["+".join(str(data / one) for one in log.split("+")) for log in robot.logs]
+    logs = ["+".join(str(data / part) for part in log.split("+")) for log in robot.logs]
     done = CliRunner().invoke(dynident, ["init", model, *logs, "--out", str(path), "--force", "--quiet"])
     if done.exit_code:
         raise SystemExit(f"{robot.title}: {done.output}")
@@ -60,7 +60,7 @@ def configured(robot: Robot, data: Path, path: Path) -> Path:
     if robot.windows is not None:
         for role, (start, stop) in zip(("train", "validation"), robot.windows, strict=True):
             config[role][0]["window"] = [start, stop]
-    config["validation"] += [{"file": str(data / one)} for one in robot.more]
+    config["validation"] += [{"file": str(data / x)} for x in robot.more]
     path.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
     return path
 
@@ -72,9 +72,9 @@ def by_hand(robot: Robot, data: Path, path: Path) -> Path:
     return path
 
 
-def merged(one: Any, other: Mapping[str, Any]) -> dict[str, Any]:
+def merged(case: Any, other: Mapping[str, Any]) -> dict[str, Any]:
     """Return a mapping with what another says beside or instead."""
-    out = dict(one or {})
+    out = dict(case or {})
     for key, value in other.items():
         out[key] = merged(out.get(key), value) if isinstance(value, Mapping) else value
     return out
@@ -86,16 +86,18 @@ def measure(path: Path) -> Row:
     logs, remarks = project.logs()
     began = time.process_time()
     try:
-        found = identify(project.model, logs["train"], logs["validation"], project.recipe)
+        result = identify(project.model, logs["train"], logs["validation"], project.recipe)
     except DynidentError as error:
         return {"refused": str(error)}
     seconds = time.process_time() - began
     return {
-        "logs": [errors(one) for one in found.validations],
+        "logs": [errors(validation) for validation in result.validations],
         "seconds": round(seconds, 2),
-        "chosen": chosen(found),
-        "verdict": judge(found).use.value,
-        "warnings": dict(Counter([*("of reading" for _ in remarks), *(type(one).__name__ for one in found.warnings)])),
+        "chosen": chosen(result),
+        "verdict": judge(result).use.value,
+        "warnings": dict(
+            Counter([*("of reading" for _ in remarks), *(type(warning).__name__ for warning in result.warnings)])
+        ),
     }
 
 
@@ -121,14 +123,14 @@ def digits(value: Any) -> float:
     return float(f"{value:.4g}")
 
 
-def chosen(found: Identification) -> Row:
+def chosen(identification: Identification) -> Row:
     """What was chosen on the training logs: the terms and their joints, and how the motion was made of the logs."""
     groups: dict[str, list[str]] = {}
-    for term in found.model.terms:
-        support = getattr(term, "support", np.ones((len(found.model.joints), 1)))
-        on = [found.model.joints[j].name for j in np.flatnonzero(np.asarray(support).any(axis=1))]
+    for term in identification.model.terms:
+        support = getattr(term, "support", np.ones((len(identification.model.joints), 1)))
+        on = [identification.model.joints[j].name for j in np.flatnonzero(np.asarray(support).any(axis=1))]
         groups.setdefault(type(term).__name__, []).extend(on)
-    recipe = found.recipe
+    recipe = identification.recipe
     names = ("smoother", "filter", "min_speed", "time_offset", "base_tilt", "estimator")
     return {"terms": groups} | {name: repr(getattr(recipe, name)) for name in names}
 
@@ -163,8 +165,8 @@ def run(names: list[str], label: str, file: Path | None, folder: Path | None) ->
             warnings.simplefilter("ignore")
             draft = by_hand if label == "by hand" else configured
             row = measure(draft(robot, data, (folder or Path(own)) / f"{name}.yaml"))
-        for one in row.get("logs", []):
-            print(f"{name} {one['role']} {one['name']}: {one['error']} % {one['joints']}", flush=True)
+        for case in row.get("logs", []):
+            print(f"{name} {case['role']} {case['name']}: {case['error']} % {case['joints']}", flush=True)
         print(f"{name}: {row.get('refused') or told(row)}", flush=True)
         if file:
             kept = read_figures(file)

@@ -33,7 +33,7 @@ def robots(rows: Mapping[str, Mapping[str, Row]]) -> str:
         for label, shown in LABELS.items():
             if (row := rows.get(label, {}).get(name)) is not None:
                 lines.append("| " + " | ".join([f"{robot.title}, {shown}", *cells(robot, row)]) + " |")
-                others = [f"{one['error']:.3g}" for one in row.get("logs", []) if one["role"] == "validation"][1:]
+                others = [f"{x['error']:.3g}" for x in row.get("logs", []) if x["role"] == "validation"][1:]
                 if others:
                     lines.append(f"| the same on {len(others)} other recordings | {', '.join(others)} |" + " |" * 8)
     return "\n".join(lines)
@@ -55,29 +55,29 @@ def peers(rows: Mapping[str, list[Row]]) -> str:
 def laws(rows: Mapping[str, Row]) -> str:
     """Return the scores of the laws of friction as Markdown."""
     lines = ["| | found | wrong | same speed | twice as fast | terms missed | wrong terms added |", "|" + "---|" * 7]
-    for law, one in rows.items():
-        found = f"{one['found']} of {one['needed']}" if one["needed"] else ""
-        figures = [law, found, f"{one['wrong']} of {one['joints']}", f"{one['same']:.3f}", f"{one['fast']:.3f}"]
-        named = [", ".join(f"{kind} {count}" for kind, count in one[key].items()) for key in ("missed", "entered")]
+    for law, case in rows.items():
+        result = f"{case['found']} of {case['needed']}" if case["needed"] else ""
+        figures = [law, result, f"{case['wrong']} of {case['joints']}", f"{case['same']:.3f}", f"{case['fast']:.3f}"]
+        named = [", ".join(f"{kind} {count}" for kind, count in case[key].items()) for key in ("missed", "entered")]
         lines.append("| " + " | ".join([*figures, *named]) + " |")
     return "\n".join(lines)
 
 
 def cells(robot: Robot, row: Row) -> list[str]:
-    one = held_out(row)
-    if one is None:
+    case = held_out(row)
+    if case is None:
         return [f"refused: {row['refused']}", *[""] * 8]
     train = next(log for log in row["logs"] if log["role"] == "train")
-    mark = "" if robot.mark is None else f"{robot.mark:g}: {'met' if one['error'] <= robot.mark else '**not met**'}"
-    joints = ", ".join(f"{value:.3g}" for value in one["joints"].values())
-    terms = worded(row["chosen"]["terms"], len(one["joints"]))
-    figures = one["error"], one["as_validated"], train["error"], row["seconds"]
+    mark = "" if robot.mark is None else f"{robot.mark:g}: {'met' if case['error'] <= robot.mark else '**not met**'}"
+    joints = ", ".join(f"{value:.3g}" for value in case["joints"].values())
+    terms = worded(row["chosen"]["terms"], len(case["joints"]))
+    figures = case["error"], case["as_validated"], train["error"], row["seconds"]
     held, reported, trained, seconds = (f"{value:.3g}" for value in figures)
     return [held, reported, joints, trained, terms, seconds, mark, robot.floor, robot.refit]
 
 
 def held_out(row: Row) -> Row | None:
-    return next((one for one in row.get("logs", []) if one["role"] == "validation"), None)
+    return next((x for x in row.get("logs", []) if x["role"] == "validation"), None)
 
 
 def worded(groups: Mapping[str, list[str]], joints: int) -> str:

@@ -56,6 +56,6 @@ def clearances(way: str, joints: int, points: int) -> Callable[[], object]:
 
     def by_steps() -> Array:
         here = space.distances(q)
-        return np.stack([(space.distances(q + STEP * one) - here) / STEP for one in np.eye(joints)], axis=2)
+        return np.stack([(space.distances(q + STEP * x) - here) / STEP for x in np.eye(joints)], axis=2)
 
     return by_steps if way == "differences" else lambda: space.gradients(q)

@@ -42,14 +42,13 @@ PRELOADED = ("dynident.apps.article.article", "estimators_article", "estimators_
 def measured(name: str, runner: Runner, runs: int, methods: Sequence[str] = ()) -> Row:
     """Run a study and return the figures of its page."""
     began, load = time.perf_counter(), os.getloadavg()[0]
-    found = run(STUDIES[name](methods), runner, runs)
+    outcome = run(STUDIES[name](methods), runner, runs)
     if name == "article":
-        found["known"] = {
-            one: {f"{level:g}": round(estimators_article.known_bound(one, level), 4) for level in LEVELS}
-            for one in SCENARIOS
+        outcome["known"] = {
+            x: {f"{level:g}": round(estimators_article.known_bound(x, level), 4) for level in LEVELS} for x in SCENARIOS
         }
     minutes = round((time.perf_counter() - began) / 60, 1)
-    return found | {"minutes": minutes, "workers": runner.workers, "load": round(load, 1)}
+    return outcome | {"minutes": minutes, "workers": runner.workers, "load": round(load, 1)}
 
 
 def main() -> None:

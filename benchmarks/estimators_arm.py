@@ -58,7 +58,7 @@ class ClosedLoop:
         t = STEP * np.arange(-lead, LOG_EVERY * rows + LOG_EVERY, dtype=float)
         q, dq, _ = fourier_motion(np.random.default_rng(SEED), self.day, t)
         still, names = np.zeros_like(q), tuple(joint.name for joint in JOINTS)
-        kp, kv, effort = (np.array([float(getattr(one, key)) for one in JOINTS]) for key in ("kp", "kv", "effort"))
+        kp, kv, effort = (np.array([float(getattr(x, key)) for x in JOINTS]) for key in ("kp", "kv", "effort"))
         drives = CascadePD(names, t, q, kp, kv, np.ones(len(names)), effort, still)
         start = Motion(t, q, dq, still, still, names, np.ones(len(t), bool), self.name)
         model, theta, _ = arm()
@@ -66,7 +66,7 @@ class ClosedLoop:
         k = lead + LOG_EVERY * np.arange(rows)
         speed = np.gradient(run.q, STEP, axis=0)
         ddq = (speed[k + HALF] - speed[k - HALF]) / (2 * HALF * STEP)
-        tau = np.mean([run.tau[k + one] for one in range(-HALF, HALF)], axis=0)
+        tau = np.mean([run.tau[k + x] for x in range(-HALF, HALF)], axis=0)
         return Motion(t[k], run.q[k], speed[k], ddq, tau, names, np.ones(rows, bool), self.name), drives
 
     @property
@@ -116,21 +116,28 @@ class Identify:
     def estimate(self, recording: Recording) -> Estimate:
         """Identify the arm whose terms are known from one recording."""
         model, _, base = arm()
-        found = identify(model, [recording.log], recipe=Recipe(self.smoother, self.estimator))
-        one = found.estimate
+        result = identify(model, [recording.log], recipe=Recipe(self.smoother, self.estimator))
+        test_estimate = result.estimate
         named = tuple(Parameter(name, "") for name in base.leading)
-        value = base.to_base(one.value)
-        return Estimate(named, value, covariance(found, base), one.determined, one.residual, one.notes)
+        value = base.to_base(test_estimate.value)
+        return Estimate(
+            named,
+            value,
+            covariance(result, base),
+            test_estimate.determined,
+            test_estimate.residual,
+            test_estimate.notes,
+        )
 
 
-def covariance(found: Identification, base: BaseParameters) -> Array:
+def covariance(identification: Identification, base: BaseParameters) -> Array:
     """The covariance of the base parameters that the report's intervals are of."""
-    own, all_of_it = found.base.on_data, found.errors.base_covariance
-    if own is None:
-        return np.asarray(base.combination @ found.estimate.covariance @ base.combination.T)
-    turn = base.combination[:, list(own.independent)]
+    on_data, all_of_it = identification.base.on_data, identification.errors.base_covariance
+    if on_data is None:
+        return np.asarray(base.combination @ identification.estimate.covariance @ base.combination.T)
+    turn = base.combination[:, list(on_data.independent)]
     if all_of_it is None:
-        std = found.errors.base_std
+        std = identification.errors.base_std
         assert std is not None
         all_of_it = np.diag(np.square(std))
     return np.asarray(turn @ all_of_it @ turn.T)
@@ -159,16 +166,14 @@ def methods() -> tuple[dict[str, Identify], dict[str, str]]:
     by_torque = build(SMOOTHERS, {"kind": "spline", "rule": "torque"}, "smoother")
     smoothers = dict(parts(SMOOTHERS)) | {"spline, by torque": by_torque}
     estimators: dict[str, Any] = dict(parts(ESTIMATORS))
-    linear: list[tuple[str, Any]] = [
-        (name, one) for name, one in estimators.items() if isinstance(one, LinearEstimator)
-    ]
-    pairs = {f"{name} + {fit}": (one, part) for name, one in smoothers.items() for fit, part in estimators.items()}
-    within = {f"consistent {name}": PhysicallyConsistent(fit=one) for name, one in linear if one != LeastSquares()}
+    linear: list[tuple[str, Any]] = [(name, x) for name, x in estimators.items() if isinstance(x, LinearEstimator)]
+    pairs = {f"{name} + {fit}": (x, part) for name, x in smoothers.items() for fit, part in estimators.items()}
+    within = {f"consistent {name}": PhysicallyConsistent(fit=x) for name, x in linear if x != LeastSquares()}
     pairs |= {f"spline + {name}": (Spline(), part) for name, part in within.items()}
     seldom = {
         name: f"spline + {name.partition(' + ')[2]}"
-        for name, (one, fit) in pairs.items()
-        if one != Spline() and fit != LeastSquares()
+        for name, (x, fit) in pairs.items()
+        if x != Spline() and fit != LeastSquares()
     }
     return {name: Identify(name, *pair) for name, pair in pairs.items()}, seldom
 

@@ -54,8 +54,10 @@ class Driven:
 
     def record(self, level: float, rng: np.random.Generator) -> Recording:
         """The same recording with its controller."""
-        found = self.arm.record(level, rng)
-        return replace(found, log=replace(found.log, controller=KnownTorque(found.log.joints, self.arm.amplitudes)))
+        recording = self.arm.record(level, rng)
+        return replace(
+            recording, log=replace(recording.log, controller=KnownTorque(recording.log.joints, self.arm.amplitudes))
+        )
 
 
 @dataclass(frozen=True)
@@ -69,20 +71,20 @@ class Whole:
         """Identify; the errors are those that allow for correlated residuals."""
         method = METHODS["spline-early"]
         recipe = Recipe(method.smoother_for(recording), rests="keep")
-        found = identify(arm_to_identify(), [method.log(recording)], recipe=recipe)
-        return replace(found.estimate, covariance=np.diag(np.square(found.errors.std)))
+        result = identify(arm_to_identify(), [method.log(recording)], recipe=recipe)
+        return replace(result.estimate, covariance=np.diag(np.square(result.errors.std)))
 
 
 def methods() -> dict[str, Method]:
     """Methods by name: the article's, every smoother with least squares, every estimator on the article's spline."""
-    found: dict[str, Method] = {name: METHODS[name] for name in SHOWN} | {"identify": Whole()}
+    result: dict[str, Method] = {name: METHODS[name] for name in SHOWN} | {"identify": Whole()}
     for name, smoother in parts(SMOOTHERS):
         if smoother != METHODS["raw"].smoother:
-            found[f"smoother {name}"] = SmoothAndFit(f"smoother {name}", smoother)
+            result[f"smoother {name}"] = SmoothAndFit(f"smoother {name}", smoother)
     for name, estimator in parts(ESTIMATORS):
         if estimator != LeastSquares():
-            found[name] = SmoothAndFit(name, SPLINE, estimator=estimator)
-    return found
+            result[name] = SmoothAndFit(name, SPLINE, estimator=estimator)
+    return result
 
 
 def study(names: Sequence[str] = (), levels: Sequence[float] = LEVELS, scenarios: Sequence[str] = ()) -> Study:

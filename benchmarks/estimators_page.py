@@ -71,12 +71,12 @@ def figure(value: float) -> str:
 
 def fits(cells: Sequence[Row]) -> list[str]:
     """Runs of each cell, failures of all, and the median of the seconds."""
-    failed, unsettled = (sum(one[key] for one in cells) for key in ("failed", "unsettled"))
-    of = sum(one["runs"] for one in cells)
-    why = ", ".join(dict.fromkeys(reason for one in cells for reason in one["reasons"]))
+    failed, unsettled = (sum(cell[key] for cell in cells) for key in ("failed", "unsettled"))
+    of = sum(cell["runs"] for cell in cells)
+    why = ", ".join(dict.fromkeys(reason for cell in cells for reason in cell["reasons"]))
     named = (failed, f"failed ({why})" if why else "failed"), (unsettled, "not converged")
     bad = [f"{count} {what}" for count, what in named if count]
-    seconds = np.median([one["seconds"] for one in cells])
+    seconds = np.median([cell["seconds"] for cell in cells])
     return [f"{cells[0]['runs']}", f"{', '.join(bad)} of {of}" if bad else "", f"{seconds:.2g}"]
 
 
@@ -84,15 +84,15 @@ def article(shown: Callable[[Row], str], smoothers: bool, *, more: bool = False)
     """Return a table of the article's scenarios and levels: every smoother, or every estimator."""
 
     def table(part: Row) -> str:
-        columns = [*dict.fromkeys((base(one)[0], one["level"]) for one in part["cells"])]
+        columns = [*dict.fromkeys((base(x)[0], x["level"]) for x in part["cells"])]
         lines = []
         for label, cells in labelled(part, smoothers):
-            found = {(base(one)[0], one["level"]): one for one in cells}
-            figures = [shown(found[key]) if key in found else "" for key in columns]
+            result = {(base(cell)[0], cell["level"]): cell for cell in cells}
+            figures = [shown(result[key]) if key in result else "" for key in columns]
             lines.append([label, *figures, *(fits(cells) if more else ())])
         if more and not smoothers:
-            known = [figure(part["known"][name][f"{level:g}"]) for name, level in columns]
-            lines.insert(0, ["bound of a torque that is known", *known, "", "", ""])
+            reference = [figure(part["known"][name][f"{level:g}"]) for name, level in columns]
+            lines.insert(0, ["bound of a torque that is known", *reference, "", "", ""])
         head = ["", *(f"{name} {level:.0e}".replace("e-0", "e-") for name, level in columns)]
         body = markdown([*head, *(("runs", "fits", "s") if more else ())], lines)
         return f"{body}\n\n{measured(part)}{lacking(part)}" if more else body
@@ -112,13 +112,13 @@ def labelled(part: Row, smoothers: bool) -> Iterator[tuple[str, list[Row]]]:
     for cell in part["cells"]:
         if label := name_of(cell["method"], smoothers):
             rows.setdefault(label + (KNOWN if base(cell)[1] else ""), []).append(cell)
-    first = [label for one in ARTICLE.values() if (label := one[0 if smoothers else 1]) in rows]
+    first = [label for value in ARTICLE.values() if (label := value[0 if smoothers else 1]) in rows]
     yield from ((name, rows[name]) for name in dict.fromkeys([*first, *sorted(rows, key=lambda one: place(rows[one]))]))
 
 
 def place(cells: Sequence[Row]) -> float:
     """By what rows are sorted: the mean of the logarithm of the error over all cells."""
-    return float(np.mean([np.log(size) if (size := mean_square(one["rms"])) > 0 else np.inf for one in cells]))
+    return float(np.mean([np.log(size) if (size := mean_square(cell["rms"])) > 0 else np.inf for cell in cells]))
 
 
 def name_of(method: str, smoothers: bool) -> str:
@@ -148,14 +148,14 @@ def star(which: int) -> Callable[[Row], str]:
         for (*names, level), cell in pairs(part).items():
             if names[1 - which] == fixed:
                 rows.setdefault(names[which], {})[level] = cell
-        levels = sorted({one["level"] for one in part["cells"]}, reverse=True)
+        levels = sorted({x["level"] for x in part["cells"]}, reverse=True)
         what = ("held out, %", "rms", "bias / spread", "coverage, %")
         head = ["", *(f"{name}, {level:g} bits" for level in levels for name in what), "runs", "fits", "s"]
         lines = []
         for name in sorted(rows, key=lambda one: sum(cell.get("error", np.inf) for cell in rows[one].values())):
             cells = rows[name]
             own = [of_arm(cells[level]) if level in cells else [""] * len(what) for level in levels]
-            lines.append([name, *(value for one in own for value in one), *fits(list(cells.values()))])
+            lines.append([name, *(value for x in own for value in x), *fits(list(cells.values()))])
         return f"{markdown(head, lines)}\n\n{measured(part)}{lacking(part) if which else ''}"
 
     return table
@@ -169,7 +169,7 @@ def grid(level: float) -> Callable[[Row], str]:
     """Return the error (%) held out of every estimator on every smoother, where it has been tried on several."""
 
     def table(part: Row) -> str:
-        errors = {key[:2]: one.get("error", np.nan) for key, one in pairs(part).items() if key[2] == level}
+        errors = {key[:2]: x.get("error", np.nan) for key, x in pairs(part).items() if key[2] == level}
         smoothers, estimators = (list(dict.fromkeys(key[k] for key in errors)) for k in (0, 1))
         rows = {fit: [errors.get((name, fit), np.nan) for name in smoothers] for fit in estimators}
         several = [name for name in estimators if np.isfinite(rows[name]).sum() > 1]

@@ -52,10 +52,10 @@ def measured(python: str, folder: Path, seconds: float = estimators_arm.SECONDS)
         fits = json.loads(answer.read_text(encoding="utf-8"))
         rows += [judged(name, fit["name"], np.array(fit["value"]), fit["seconds"], bound) for fit in fits]
         print(*rows, sep="\n", flush=True)
-    known = dict(parts(ESTIMATORS))
+    reference = dict(parts(ESTIMATORS))
     for name in OWN:
-        if name in known:
-            rows.append(own(name, known[name], record, bound))
+        if name in reference:
+            rows.append(own(name, reference[name], record, bound))
             print(rows[-1], flush=True)
     return {"rows": rows, "seconds": seconds}
 
@@ -74,10 +74,10 @@ def own(name: str, estimator: Any, record: Any, bound: Any) -> Row:
 def judged(who: str, name: str, value: Any, seconds: float, bound: Any) -> Row:
     """The error of the torque held out (%), and of the base parameters in standard deviations of the bound."""
     _, theta, base = estimators_arm.arm()
-    found = value if len(value) == base.rank else base.to_base(value)
+    result = value if len(value) == base.rank else base.to_base(value)
     true = base.to_base(theta)
-    held = estimators_arm.held_out(found[None])
-    rms, cost = listed([np.sqrt(np.mean(np.square((found - true) / bound))), seconds])
+    held = estimators_arm.held_out(result[None])
+    rms, cost = listed([np.sqrt(np.mean(np.square((result - true) / bound))), seconds])
     return {"who": who, "name": name, "error": held["error"], "rms": rms, "seconds": cost}
 
 
@@ -89,6 +89,6 @@ def written(file: Path, log: Log) -> None:
     run = drives.t >= log.t[0] - 1e-9
     np.savez(
         file, urdf=urdf(), gravity=bodies.gravity, t=log.t, q=log.q, tau=log.tau, reference_t=drives.t[run],
-        reference=drives.reference[run], kp=drives.kp, kv=drives.kv, limit=[one.effort for one in JOINTS], first=FIRST,
+        reference=drives.reference[run], kp=drives.kp, kv=drives.kv, limit=[x.effort for x in JOINTS], first=FIRST,
         q0=motion.q[FIRST], dq0=motion.dq[FIRST],
     )  # fmt: skip

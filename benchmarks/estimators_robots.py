@@ -67,9 +67,9 @@ def main() -> None:
     if wrong := [name for name in given.parts if name not in PARTS]:
         parser.error(f"unknown part {wrong[0]!r}; known: {', '.join(PARTS)}")
     for name in () if given.draw else given.parts or PARTS:
-        if found := PARTS[name](given):
+        if result := PARTS[name](given):
             kept = known()
-            kept[name] = kept.get(name, {}) | found
+            kept[name] = kept.get(name, {}) | result
             print(tables(kept)[name])
             if given.page:
                 write_figures(kept, FIGURES)
@@ -111,21 +111,21 @@ def emps_fit(name: str, estimator: str) -> Row:
     text = f"{text_of('emps')}\nestimator: {estimator}\n"
     began = time.process_time()
     try:
-        found = parse_project(text, ROOT / "examples" / "emps.yaml").identify()
+        result = parse_project(text, ROOT / "examples" / "emps.yaml").identify()
     except DynidentError as error:
         return {"reason": f"{type(error).__name__}: {error}"}
-    row = {"seconds": rounded(time.process_time() - began), **figures(found)}
+    row = {"seconds": rounded(time.process_time() - began), **figures(result)}
     print(f"{name}: {row}", flush=True)
     return row
 
 
-def figures(found: Identification) -> Row:
+def figures(identification: Identification) -> Row:
     """Values and standard errors; errors by log."""
     return {
-        "value": [rounded(one) for one in found.estimate.value],
-        "std": [rounded(one) for one in found.errors.std],
-        "notes": [type(note).__name__ for note in found.notes],
-        "errors": {log.role: errors(log) for log in found.validations},
+        "value": [rounded(x) for x in identification.estimate.value],
+        "std": [rounded(x) for x in identification.errors.std],
+        "notes": [type(note).__name__ for note in identification.notes],
+        "errors": {log.role: errors(log) for log in identification.validations},
     }
 
 
@@ -153,9 +153,9 @@ def compared(given: argparse.Namespace, robot: str) -> Row:
     ]  # fmt: skip
     before = load()
     subprocess.run([*DYNIDENT, "compare", file, "--folds", "0", "--out", folder, *chosen], check=True)
-    found = json.loads((folder / "compare.json").read_text(encoding="utf-8"))
-    return {"rows": [kept_of(row) for row in found["rows"]], "absent": absent(found), "load": before} | {
-        name: found[name] for name in ("ranked_by", "told_from_chance", "within_chance")
+    content = json.loads((folder / "compare.json").read_text(encoding="utf-8"))
+    return {"rows": [kept_of(row) for row in content["rows"]], "absent": absent(content), "load": before} | {
+        name: content[name] for name in ("ranked_by", "told_from_chance", "within_chance")
     }
 
 
@@ -169,12 +169,12 @@ def kept_of(row: Mapping[str, Any]) -> Row:
 
 def seconds(row: Mapping[str, Any]) -> float:
     """Of smoothing and estimate; nan of a failed fit."""
-    return float(np.sum([np.nan if one is None else one for one in row["seconds"][:2]]))
+    return float(np.sum([np.nan if x is None else x for x in row["seconds"][:2]]))
 
 
-def absent(found: Mapping[str, Any]) -> list[str]:
+def absent(result: Mapping[str, Any]) -> list[str]:
     """What does not apply, in a word or two each."""
-    return list(dict.fromkeys(one["estimator"] or one["smoother"] for one in found["does_not_apply"]))
+    return list(dict.fromkeys(x["estimator"] or x["smoother"] for x in result["does_not_apply"]))
 
 
 def rounded(value: Any) -> float | None:

@@ -38,19 +38,21 @@ def page(text: str, kept: Row) -> str:
 
 def tables(kept: Row) -> dict[str, str]:
     """Return the tables by name: of the parts that are kept, and of the survey, which takes figures of both files."""
-    found = {name: table(kept[part]) for name, (part, table) in TABLES.items() if part in kept}
+    result = {name: table(kept[part]) for name, (part, table) in TABLES.items() if part in kept}
     study = read_figures(STUDY)
-    return found | {"survey": survey(study, kept)} if study else found
+    return result | {"survey": survey(study, kept)} if study else result
 
 
 def emps(part: Row) -> str:
     """Values with standard errors, how far they are from the published ones, and errors in %."""
     head = ["", "M, kg", "Fv, N s/m", "Fc, N", "offset, N", "apart", "fit, %", "position, %", "held out, %",
             "position, %", "s"]  # fmt: skip
-    lines = [["published", *values(VALUE, STD), "", *(figure(one) for log in PUBLISHED for one in log.values()), ""]]
+    lines = [
+        ["published", *values(VALUE, STD), "", *(figure(value) for log in PUBLISHED for value in log.values()), ""]
+    ]
     lines += [emps_line(name, fit) for name, fit in part["fits"].items()]
     failed = [f"{name}: {fit['reason']}" for name, fit in part["fits"].items() if "reason" in fit]
-    said = "".join(f"\n\nNo estimate by {one}" for one in failed)
+    said = "".join(f"\n\nNo estimate by {x}" for x in failed)
     return f"{markdown(head, lines)}{said}\n\nAt a load of {part['load']:g} by others."
 
 
@@ -62,7 +64,7 @@ def emps_line(name: str, fit: Row) -> list[str]:
 
 
 def values(value: Sequence[float], std: Sequence[float | None]) -> list[str]:
-    return [f"{one:.5g} ± {figure(of({'std': two}, 'std'))}" for one, two in zip(value, std, strict=True)]
+    return [f"{x:.5g} ± {figure(of({'std': two}, 'std'))}" for x, two in zip(value, std, strict=True)]
 
 
 def apart(fit: Row) -> float:
@@ -101,12 +103,12 @@ def by_robot(part: Row, varied: str, fixed: str, value: str) -> str:
     """Errors held out (%), one column a robot, where one part is varied and the other fixed: the least first,
     by the geometric mean over the robots to which it applies."""
     there = [robot for robot in NAMES if robot in part]
-    found: dict[str, dict[str, float | None]] = {}
+    result: dict[str, dict[str, float | None]] = {}
     for robot in there:
         for row in part[robot]["rows"]:
             if row[fixed] == value and "(" not in row[varied]:  # those of the examples have settings
-                found.setdefault(row[varied], {})[robot] = row["error"]
-    errors = {robot: [one[robot] or np.inf for one in found.values() if robot in one] for robot in there}
+                result.setdefault(row[varied], {})[robot] = row["error"]
+    errors = {robot: [value[robot] or np.inf for value in result.values() if robot in value] for robot in there}
     least = {robot: min(some, default=np.inf) for robot, some in errors.items()}
 
     def over(one: Row) -> float:
@@ -115,23 +117,23 @@ def by_robot(part: Row, varied: str, fixed: str, value: str) -> str:
     def shown(one: Row, robot: str) -> str:
         return "" if robot not in one else "failed" if one[robot] is None else f"{one[robot]:.4g}"
 
-    ordered = sorted(found, key=lambda name: (over(found[name]), -len(found[name])))
-    lines = [[name, *(shown(found[name], robot) for robot in there)] for name in ordered]
+    ordered = sorted(result, key=lambda name: (over(result[name]), -len(result[name])))
+    lines = [[name, *(shown(result[name], robot) for robot in there)] for name in ordered]
     return markdown(["", *(NAMES[robot] for robot in there)], lines)
 
 
-def robot_lines(robot: str, found: Row) -> list[list[str]]:
-    ranked = [row for row in found["rows"] if row["error"] is not None]
+def robot_lines(robot: str, result: Row) -> list[list[str]]:
+    ranked = [row for row in result["rows"] if row["error"] is not None]
     shown: dict[int, str] = {place: "best" if not place else "" for place in range(min(BEST, len(ranked)))}
     for what, which in (("configured", lambda row: row["own"]), ("plain", lambda row: pair(row) == PLAIN)):
         for place, row in enumerate(ranked):
             if which(row):
-                shown[place] = ", ".join(one for one in (shown.get(place), what) if one)
+                shown[place] = ", ".join(x for x in (shown.get(place), what) if x)
     return [
         [
             NAMES[robot] if not place else "",
             f"{place + 1}. {what}".rstrip(),
-            *figures_of(ranked[place], place, found["told_from_chance"]),
+            *figures_of(ranked[place], place, result["told_from_chance"]),
         ]
         for place, what in sorted(shown.items())
     ]
@@ -140,9 +142,9 @@ def robot_lines(robot: str, found: Row) -> list[list[str]]:
 def figures_of(row: Row, place: int, told: bool) -> list[str]:
     """A combination and its figures; those of a difference where it is not the best."""
     errors = [f"{row[key]:.4g}" for key in ("error", "overall")]
-    known = place and row["least"] is not None
-    ends = [row[name] if known and abs(row[name]) > SAME * row["error"] else 0 for name in ("least", "most")]
-    apart = [f"{ends[0]:.2g} to {ends[1]:.2g}" if known else "", chance(row) if place and told else ""]
+    reference = place and row["least"] is not None
+    ends = [row[name] if reference and abs(row[name]) > SAME * row["error"] else 0 for name in ("least", "most")]
+    apart = [f"{ends[0]:.2g} to {ends[1]:.2g}" if reference else "", chance(row) if place and told else ""]
     return [*pair(row), *errors, *apart, f"{row['seconds']:.2g}"]
 
 
@@ -154,15 +156,15 @@ def chance(row: Row) -> str:
     return "more than chance" if row["worse"] else "chance"
 
 
-def counted(name: str, found: Row) -> str:
+def counted(name: str, result: Row) -> str:
     """How many combinations have an error, how many are as good as the best, what failed and what does not apply."""
-    rows, within = found["rows"], len(found["within_chance"] or ())
+    rows, within = result["rows"], len(result["within_chance"] or ())
     failed = sum(row["error"] is None for row in rows)
     unsettled = sum(row["status"] == UNSETTLED for row in rows)
     named = (unsettled, "not converged"), (failed, "failed")
     bad = "".join(f", {count} {what}" for count, what in named if count)
-    absent = f"; not applicable: {', '.join(found['absent'])}" if found["absent"] else ""
-    good = f"{within} of them as good as the best within chance" if found["told_from_chance"] else TOO_SHORT
+    absent = f"; not applicable: {', '.join(result['absent'])}" if result["absent"] else ""
+    good = f"{within} of them as good as the best within chance" if result["told_from_chance"] else TOO_SHORT
     return f"{name}: {len(rows)} combinations, {good}{bad}{absent}."
 
 
@@ -176,7 +178,7 @@ def peers(part: Row) -> str:
         if "reason" not in row
     ]  # fmt: skip
     failed = [f"{row['who']} {row['name']}".strip() + f": {row['reason']}" for row in part["rows"] if "reason" in row]
-    said = "".join(f"\n\nNo estimate by {one}" for one in failed)
+    said = "".join(f"\n\nNo estimate by {x}" for x in failed)
     how = f"One recording of {part['seconds']:g} s, at a load of {part['load']:g} by others."
     return f"{markdown(head, lines)}{said}\n\n{how}"
 

@@ -105,12 +105,12 @@ def run(study: Study, runner: Runner, runs: int) -> Row:
     cells = list[Row]()
     groups: dict[tuple[int, tuple[str, ...]], list[str]] = {}
     for name, count in plan.items():
-        groups.setdefault((count, tuple(one.name for one in todo[name])), []).append(name)
+        groups.setdefault((count, tuple(x.name for x in todo[name])), []).append(name)
     for (count, _), names in groups.items():
         where = todo[names[0]]
-        runner.say(f"{count} runs of {', '.join(names)} in {', '.join(one.name for one in where)}")
+        runner.say(f"{count} runs of {', '.join(names)} in {', '.join(x.name for x in where)}")
         table = runner.rows(study, where, names, count)
-        cells += [judged(study, table, *cell) for cell in product([one.name for one in where], study.levels, names)]
+        cells += [judged(study, table, *cell) for cell in product([x.name for x in where], study.levels, names)]
     return {"runs": runs, "seed": runner.seed, "cells": cells, "lacking": lacking(study, first, todo)}
 
 
@@ -118,8 +118,8 @@ def pilot(study: Study, runner: Runner, few: int) -> pl.DataFrame:
     """The first rows of every method; of those that are run seldom, where the method that tells of them is fast."""
     where = [*study.scenarios, *study.paired.values()]
     first = runner.rows(study, where, [name for name in study.methods if name not in study.seldom], few)
-    known = set(first["method"])
-    fast = [name for name, other in study.seldom.items() if other in known and seconds(first, other) <= SLOW]
+    reference = set(first["method"])
+    fast = [name for name, other in study.seldom.items() if other in reference and seconds(first, other) <= SLOW]
     return pl.concat((first, runner.rows(study, where, fast, few))) if fast else first
 
 
@@ -127,13 +127,13 @@ def applicable(study: Study, first: pl.DataFrame) -> Iterator[tuple[str, list[Sc
     """The scenarios of each method: where the log has what it needs, and of two that give the same, the first."""
     for name in first["method"].unique(maintain_order=True):
         rows = {key: group for (key,), group in first.filter(pl.col("method") == name).group_by("scenario")}
-        usable = [one for one in study.scenarios if needs(rows[one.name]) is None]
-        for one in study.scenarios:
-            more = study.paired.get(one.name)
+        usable = [scenario for scenario in study.scenarios if needs(rows[scenario.name]) is None]
+        for scenario in study.scenarios:
+            more = study.paired.get(scenario.name)
             if more is None or needs(rows[more.name]) is not None:
                 continue
-            same = [rows[key].sort("level", "run")["value"].to_list() for key in (one.name, more.name)]
-            if one not in usable or same[0] != same[1]:
+            same = [rows[key].sort("level", "run")["value"].to_list() for key in (scenario.name, more.name)]
+            if scenario not in usable or same[0] != same[1]:
                 usable.append(more)
         if usable:
             yield name, usable
@@ -155,8 +155,8 @@ def kind(reason: str) -> str:
 def lacking(study: Study, first: pl.DataFrame, todo: Mapping[str, Sequence[Scenario]]) -> dict[str, str]:
     """What the logs lack, by the method that needs it."""
     left = [name for name in study.methods if name not in todo and name not in study.seldom]
-    found = {name: needs(first.filter(pl.col("method") == name)) for name in left}
-    return {name: what for name, what in found.items() if what}
+    result = {name: needs(first.filter(pl.col("method") == name)) for name in left}
+    return {name: what for name, what in result.items() if what}
 
 
 def seconds(rows: pl.DataFrame, method: str) -> float:
@@ -167,41 +167,41 @@ def seconds(rows: pl.DataFrame, method: str) -> float:
 def planned(each: Mapping[str, float], most: Mapping[str, int], budget: float | None, few: int) -> dict[str, int]:
     """How often each method runs, for the seconds of one run of all its cells: those that take longest are cut to the
     same time, so that all fit into the budget (s); none runs less than ``few`` times."""
-    whole = {name: each[name] * most[name] for name in each}
+    full = {name: each[name] * most[name] for name in each}
     share, left = math.inf, math.inf if budget is None else budget
-    for place, (_, need) in enumerate(ordered := sorted(whole.items(), key=lambda one: one[1])):
+    for place, (_, need) in enumerate(ordered := sorted(full.items(), key=lambda one: one[1])):
         if need > (share := left / (len(ordered) - place)):
             break
         share, left = math.inf, left - need
-    return {name: most[name] if whole[name] <= share else max(few, int(share / each[name])) for name in each}
+    return {name: most[name] if full[name] <= share else max(few, int(share / each[name])) for name in each}
 
 
 def judged(study: Study, table: pl.DataFrame, scenario: str, level: float, method: str) -> Row:
     """Errors of one cell in standard deviations of the bound, by parameter; coverage; what became of the fits."""
     rows = table.filter((pl.col("scenario") == scenario) & (pl.col("level") == level) & (pl.col("method") == method))
-    found = statistics(rows, len(study.truth))
-    error = (found.estimates - study.truth) / study.bound(scenario, level)
-    shares = found.covered_share(study.truth)
+    test_statistics = statistics(rows, len(study.truth))
+    error = (test_statistics.estimates - study.truth) / study.bound(scenario, level)
+    shares = test_statistics.covered_share(study.truth)
     told = listed if study.each else lambda values: listed(np.sqrt([np.mean(np.square(values))]))
     return {
         "scenario": scenario,
         "level": level,
         "method": method,
         "runs": len(rows),
-        "failed": found.failed,
-        "unsettled": found.unsettled,
-        "reasons": dict(Counter(kind(one) for one in rows.filter(pl.col("status") == FitOutcome.FAILED)["reason"])),
+        "failed": test_statistics.failed,
+        "unsettled": test_statistics.unsettled,
+        "reasons": dict(Counter(kind(x) for x in rows.filter(pl.col("status") == FitOutcome.FAILED)["reason"])),
         "seconds": digits(seconds(rows, method)),
         "rms": told(np.sqrt(np.mean(error**2, axis=0))) if len(error) else [],
         "bias": told(error.mean(axis=0)) if len(error) else [],
         "spread": told(error.std(axis=0, ddof=1)) if len(error) > 1 else [],
         "coverage": listed(shares if study.each else [np.mean(shares)]) if len(error) else [],
-        **(study.more(found.estimates) if study.more and len(error) else {}),
+        **(study.more(test_statistics.estimates) if study.more and len(error) else {}),
     }
 
 
 def listed(values: Any) -> list[float]:
-    return [digits(one) for one in values]
+    return [digits(value) for value in values]
 
 
 def digits(value: float) -> float:

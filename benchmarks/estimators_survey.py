@@ -31,7 +31,9 @@ class Figures:
 
     def __init__(self, study: Row, robots: Row) -> None:
         cells = study.get("arm", {}).get("cells", ())
-        self.cells: dict[tuple[str, float], Row] = {(one["method"], one["level"]): one for one in cells if one["rms"]}
+        self.cells: dict[tuple[str, float], Row] = {
+            (cell["method"], cell["level"]): cell for cell in cells if cell["rms"]
+        }
         self.fits = {name: fit for name, fit in robots.get("emps", {}).get("fits", {}).items() if "reason" not in fit}
         self.robots = robots.get("robots", {})
 
@@ -64,7 +66,7 @@ def most_accurate(of: Figures) -> Answer:
     own = [[of.rms(name, level) for name in (DIDIM, INSTRUMENTS)] for level in LEVELS]
     said = [f"{level:g} bits: {figure(a)} and {figure(b)}, the best of the others {figure(c)}"
             for level, (a, b), c in zip(LEVELS, own, best, strict=True)]  # fmt: skip
-    return [each < one for pair, one in zip(own, best, strict=True) for each in pair], f"rms at {'; '.join(said)}"
+    return [each < x for pair, x in zip(own, best, strict=True) for each in pair], f"rms at {'; '.join(said)}"
 
 
 def filtering_helps(of: Figures) -> Answer:
@@ -74,15 +76,15 @@ def filtering_helps(of: Figures) -> Answer:
 
 def enough_filtered(of: Figures) -> Answer:
     """By least squares whose joints are weighted, as there."""
-    pairs = [(of.rms(WEIGHTED, one), min(of.rms(name, one) for name in (DIDIM, INSTRUMENTS))) for one in LEVELS]
+    pairs = [(of.rms(WEIGHTED, x), min(of.rms(name, x) for name in (DIDIM, INSTRUMENTS))) for x in LEVELS]
     said = "; ".join(f"{level:g} bits: {figure(a)}, {figure(b)}" for level, (a, b) in zip(LEVELS, pairs, strict=True))
     return [a < 1.2 * b for a, b in pairs], f"rms on the spline, weighted, and by the better of the two at {said}"
 
 
 def robust(of: Figures) -> Answer:
     ratios = {name: of.rms(name, LEVELS[1]) / of.rms(name, LEVELS[0]) for name in SIMULATING}
-    said = ", ".join(f"{named(name)} {figure(one)}" for name, one in ratios.items())
-    return [one < 1.5 for one in ratios.values()], f"rms at 12 bits over that at 17: {said}"
+    said = ", ".join(f"{named(name)} {figure(x)}" for name, x in ratios.items())
+    return [ratio < 1.5 for ratio in ratios.values()], f"rms at 12 bits over that at 17: {said}"
 
 
 def input_error(of: Figures) -> Answer:
@@ -117,21 +119,21 @@ def dear(of: Figures) -> Answer:
 
 def real(of: Figures) -> Answer:
     plain, *others = (of.held_out(name) for name in ("least squares", "instrumental variables", DIDIM, "output error"))
-    said = ", ".join(figure(one) for one in others)
-    return [one > 0.95 * plain for one in others], f"EMPS held out: {said} %, least squares {figure(plain)} %"
+    said = ", ".join(figure(other) for other in others)
+    return [other > 0.95 * plain for other in others], f"EMPS held out: {said} %, least squares {figure(plain)} %"
 
 
 def needs_controller(of: Figures) -> Answer:
     if not of.robots:
         raise MissingError("robots")
-    lacking = [name for name, found in of.robots.items() if DIDIM in found["absent"]]
-    if not any(DIDIM in found["absent"] or fitted(found) for found in of.robots.values()):
+    lacking = [name for name, result in of.robots.items() if DIDIM in result["absent"]]
+    if not any(DIDIM in robot["absent"] or fitted(robot) for robot in of.robots.values()):
         raise MissingError(DIDIM)
     return [bool(lacking)], f"DIDIM does not apply to {len(lacking)} of {len(of.robots)} real robots"
 
 
-def fitted(found: Row) -> bool:
-    return any(row["estimator"] == DIDIM for row in found["rows"])
+def fitted(result: Row) -> bool:
+    return any(row["estimator"] == DIDIM for row in result["rows"])
 
 
 def named(estimator: str) -> str:

@@ -109,13 +109,15 @@ def figaroh(decimate: int) -> Call:
             return {"timestamps": t, "positions": q, "velocities": None, "accelerations": None, "torques": tau}
 
     def once() -> Any:
-        found = Identification()
-        found.process_data()
-        found.calculate_full_regressor()
-        found.initialize_standard_parameters()
-        reduced, active = found._eliminate_zero_columns(0.001)
-        rows = found._apply_decimation(reduced, decimate) if decimate > 1 else found._prepare_undecimated_data(reduced)
-        return found._calculate_base_parameters(*rows, active)["phi_base"]
+        result = Identification()
+        result.process_data()
+        result.calculate_full_regressor()
+        result.initialize_standard_parameters()
+        reduced, active = result._eliminate_zero_columns(0.001)
+        rows = (
+            result._apply_decimation(reduced, decimate) if decimate > 1 else result._prepare_undecimated_data(reduced)
+        )
+        return result._calculate_base_parameters(*rows, active)["phi_base"]
 
     return once
 

@@ -39,34 +39,33 @@ class Fit(BaseIdentification):  # type: ignore[misc]
         self.stages: list[Any] = []
 
     def load_trajectory_data(self, _: str | None = None) -> dict[str, Any]:
-        one = self.recording
-        return {"timestamps": one["t"][:, None], "positions": one["q"], "velocities": None, "accelerations": None,
-                "torques": one["tau"]}  # fmt: skip
+        t, q, tau = (self.recording[name] for name in ("t", "q", "tau"))
+        return {"timestamps": t[:, None], "positions": q, "velocities": None, "accelerations": None, "torques": tau}
 
 
 def fits(robot: RobotWrapper, recording: dict[str, Any]) -> list[dict[str, Any]]:
     """Plain least squares of the base parameters that its QR finds, then its weighted ones."""
     began = time.process_time()
-    found = Fit(robot, recording)
-    found.process_data()
-    found.calculate_full_regressor()
-    found.initialize_standard_parameters()
-    reduced, active = found._eliminate_zero_columns(0.001)
-    rows = found._apply_decimation(reduced, int(recording.get("decimate", DECIMATE)))
-    plain = found._calculate_base_parameters(*rows, active)["phi_base"]
+    result = Fit(robot, recording)
+    result.process_data()
+    result.calculate_full_regressor()
+    result.initialize_standard_parameters()
+    reduced, active = result._eliminate_zero_columns(0.001)
+    rows = result._apply_decimation(reduced, int(recording.get("decimate", DECIMATE)))
+    plain = result._calculate_base_parameters(*rows, active)["phi_base"]
     first = time.process_time() - began
-    found._fit_blocks = lambda: range(robot.model.nv)  # one block of rows for each joint
-    weighted = found._apply_weighted_least_squares()[0]
+    result._fit_blocks = lambda: range(robot.model.nv)  # one block of rows for each joint
+    weighted = result._apply_weighted_least_squares()[0]
     second = time.process_time() - began
-    kept = np.flatnonzero(np.isin(np.arange(found.dynamic_regressor.shape[1]), places(found, active)))
-    columns = kept[list(found._base_indices)]
+    kept = np.flatnonzero(np.isin(np.arange(result.dynamic_regressor.shape[1]), places(result, active)))
+    columns = kept[list(result._base_indices)]
     pairs = (("least squares", plain, first), ("weighted least squares", weighted, second))
     return [{"name": name, "value": ordered(phi, columns, robot.model.nv), "seconds": s} for name, phi, s in pairs]
 
 
-def places(found: Fit, active: Any) -> list[int]:
+def places(fit: Fit, active: Any) -> list[int]:
     """The columns of the whole regressor that are not zero."""
-    names = list(found.standard_parameter)
+    names = list(fit.standard_parameter)
     return [names.index(name) for name in active]
 
 

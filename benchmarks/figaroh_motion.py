@@ -29,8 +29,8 @@ class Motion(BaseOptimalTrajectory):  # type: ignore[misc]
 
     def _limit_waypoint_steps(self, wps: Any) -> Any:
         """Its own rule takes 1.5 for the peak of a quintic, which is 1.875: no start is within the velocity limits."""
-        found = super()._limit_waypoint_steps(wps)
-        return found[:, :1] + SHORTER * (found - found[:, :1])
+        result = super()._limit_waypoint_steps(wps)
+        return result[:, :1] + SHORTER * (result - result[:, :1])
 
 
 def config(model: Any, joints: list[str], step: float, iterations: int) -> dict[str, Any]:
@@ -105,18 +105,16 @@ def main() -> None:
     chosen["active_joints"] = joints
     chosen["act_Jid"] = [tool.model.getJointId(name) for name in joints]
     chosen["act_J"] = [tool.model.joints[k] for k in chosen["act_Jid"]]
-    chosen["act_idxq"], chosen["act_idxv"] = (
-        [getattr(one, key) for one in chosen["act_J"]] for key in ("idx_q", "idx_v")
-    )
+    chosen["act_idxq"], chosen["act_idxv"] = ([getattr(x, key) for x in chosen["act_J"]] for key in ("idx_q", "idx_v"))
     tool.initialize()
-    found = tool.solve(stack_reps=round(given.duration / given.step / (WAYPOINTS - 1)))
+    solution = tool.solve(stack_reps=round(given.duration / given.step / (WAYPOINTS - 1)))
     seconds, used = time.perf_counter() - began, time.process_time() - cpu
-    first = [slice(int(k > 0), None) for k in range(len(found["T_F"]))]  # a segment begins where the last one ends
+    first = [slice(int(k > 0), None) for k in range(len(solution["T_F"]))]  # a segment begins where the last one ends
     names = {"q": "P_F", "dq": "V_F", "ddq": "A_F"}
-    states = {key: np.vstack([x[k] for x, k in zip(found[name], first, strict=True)]) for key, name in names.items()}
+    states = {key: np.vstack([x[k] for x, k in zip(solution[name], first, strict=True)]) for key, name in names.items()}
     t = np.arange(len(states["q"])) / FREQUENCY  # its own times of segments overlap
-    worth = [float(one["obj_values"][-1]) for one in found["iteration_data"] if len(one["obj_values"])]
-    print(f"{len(found['T_F'])} segments, {t[-1]:.1f} s of motion in {seconds:.0f} s ({used:.0f} s of CPU); {worth}")
+    worth = [float(x["obj_values"][-1]) for x in solution["iteration_data"] if len(x["obj_values"])]
+    print(f"{len(solution['T_F'])} segments, {t[-1]:.1f} s of motion in {seconds:.0f} s ({used:.0f} s of CPU); {worth}")
     q, dq, ddq = (states[key] for key in names)
     np.savez(given.out, t=t, q=q, dq=dq, ddq=ddq, seconds=seconds, cpu=used, base=len(tool.idx_b))
 

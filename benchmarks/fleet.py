@@ -68,8 +68,8 @@ class Fault:
 
     def share(self, log: int) -> float:
         """Return how much of it is there in a log."""
-        late = log >= self.start
-        return float(late * (log - self.start) / (LOGS - 1 - self.start) if self.drifts else late)
+        delayed = log >= self.start
+        return float(delayed * (log - self.start) / (LOGS - 1 - self.start) if self.drifts else delayed)
 
 
 def rubs(joint: str, by: float) -> Callable[[dict[str, float], float], None]:
@@ -183,14 +183,14 @@ class Bench:
 
     def history(self, name: str, theta: dict[str, float], rng: np.random.Generator, fault: Fault | None) -> Histories:
         fits = [fitted(self.model, self.basis, motion) for motion in motions(self.true, theta, rng, fault)]
-        values, information, residual = (np.array(one) for one in zip(*fits, strict=True))
+        values, information, residual = (np.array(x) for x in zip(*fits, strict=True))
         logs, days = tuple(f"log{k:02}" for k in range(len(fits))), EVERY * np.arange(float(len(fits)))
         sure = np.tile(2 * RATE * SECONDS * np.eye(len(JOINTS)), (len(fits), 1, 1))
         return History(name, logs, days, values, information), History(name, logs, days, np.log(residual), sure)
 
     def fleet(self, rng: np.random.Generator, faults: tuple[Fault, ...] = ()) -> list[Histories]:
-        known = {fault.robot: fault for fault in faults}
-        return [self.history(f"robot{r}", built(self.true, rng), rng, known.get(r)) for r in range(ROBOTS)]
+        reference = {fault.robot: fault for fault in faults}
+        return [self.history(f"robot{r}", built(self.true, rng), rng, reference.get(r)) for r in range(ROBOTS)]
 
     def changes(self, robots: list[Histories], rng: np.random.Generator) -> Changes:
         histories, residuals = zip(*robots, strict=True)
@@ -219,14 +219,14 @@ def main() -> None:
         write(given.run, model, rng)
         run(given.run, given.workers)
         return
-    known = true_model() if given.plain else model
-    basis = structural_base_parameters(known)
-    bench = Bench(model, known, basis, groups_of(known, basis))
+    reference = true_model() if given.plain else model
+    basis = structural_base_parameters(reference)
+    bench = Bench(model, reference, basis, groups_of(reference, basis))
     robots = bench.fleet(rng, FAULTS)
     changes = bench.changes(robots, rng)
     print_changes(changes)
     if not given.plain:
-        shared = pool_robots([one for one, _ in robots], bench.groups, changes.scatter, changes.changes)
+        shared = pool_robots([x for x, _ in robots], bench.groups, changes.scatter, changes.changes)
         print_new(bench, shared, changes, given.new, rng)
     print_quiet(bench, given.quiet, rng)
 
@@ -246,7 +246,7 @@ def print_quiet(bench: Bench, robots: int, rng: np.random.Generator) -> None:
     for _ in range(robots // ROBOTS):
         changes = bench.changes(bench.fleet(rng), rng)
         chances += list(changes.p_values.values())
-        flagged += len({one.robot for one in changes.changes})
+        flagged += len({change.robot for change in changes.changes})
     if chances:
         shares = ", ".join(f"{np.mean(np.array(chances) <= p):.4f} at {p}" for p in (0.01, 0.05, 0.2))
         print(f"{flagged} of {len(chances)} quiet robots flagged; share of p-values: {shares}")
@@ -275,17 +275,17 @@ def _errors(
     X = bench.model.regressor(other.q, other.dq, other.ddq)[:, :, list(bench.basis.independent)] / EFFORT[:, None]
     truth = X @ bench.basis.to_base(np.array([theta[name] for name in bench.model.names]))
     size = np.linalg.norm(truth)
-    own, mean, borrowed = (float(np.linalg.norm(X @ one - truth) / size) for one in (value, shared.mean, both))
+    own, mean, borrowed = (float(np.linalg.norm(X @ x - truth) / size) for x in (value, shared.mean, both))
     return own, mean, borrowed
 
 
 def write(folder: Path, model: Model, rng: np.random.Generator) -> None:
     """Write the logs of a fleet with faults, as encoders and drives report them, and what ``dynident fleet`` needs."""
-    known, monday = {fault.robot: fault for fault in FAULTS}, date(2026, 1, 5)
+    reference, monday = {fault.robot: fault for fault in FAULTS}, date(2026, 1, 5)
     for r in range(ROBOTS):
         place = folder / "logs" / f"robot{r}"
         place.mkdir(parents=True, exist_ok=True)
-        for k, motion in enumerate(motions(model, built(model, rng), rng, known.get(r))):
+        for k, motion in enumerate(motions(model, built(model, rng), rng, reference.get(r))):
             q = ENCODER_STEP * np.round(motion.q / ENCODER_STEP)
             columns = {"time": motion.t} | {
                 f"{name}.{kind}": x[:, j]
@@ -311,10 +311,10 @@ def run(folder: Path, workers: int) -> None:
     """Identify all logs by ``dynident fleet``, and print what it found."""
     start = time.perf_counter()
     with WorkerOptions(workers=workers).executor("dynident.apps.fleets.fit") as executor:
-        found = fleet(folder / "fleet.yaml", folder / "out", executor=executor)
-    failed = found.rows.filter(pl.col("status") != "ok")
-    print(f"{len(found.rows)} logs, {len(failed)} failed, {time.perf_counter() - start:.0f} s")
-    print_changes(found.changes[0])
+        test_fleet = fleet(folder / "fleet.yaml", folder / "out", executor=executor)
+    failed = test_fleet.rows.filter(pl.col("status") != "ok")
+    print(f"{len(test_fleet.rows)} logs, {len(failed)} failed, {time.perf_counter() - start:.0f} s")
+    print_changes(test_fleet.changes[0])
 
 
 if __name__ == "__main__":

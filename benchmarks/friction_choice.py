@@ -59,20 +59,20 @@ class Known(Term):
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         roles = {"viscous": "viscous", "ripple": "", "drift": "", "asymmetric_coulomb": "", "asymmetric_viscous": ""}
-        names = [f"{one.kind}_{self.joints[one.joint].name}" for one in self.effects]
+        names = [f"{effect.kind}_{self.joints[effect.joint].name}" for effect in self.effects]
         return tuple(
-            Parameter(name, "1", role=roles.get(one.kind, "coulomb"))
-            for name, one in zip(names, self.effects, strict=True)
+            Parameter(name, "1", role=roles.get(effect.kind, "coulomb"))
+            for name, effect in zip(names, self.effects, strict=True)
         )
 
     @property
     def support(self) -> NDArray[np.bool_]:
-        at = np.array([one.joint for one in self.effects], dtype=int)
+        at = np.array([effect.joint for effect in self.effects], dtype=int)
         return np.asarray(np.arange(len(self.joints))[:, None] == at)
 
     def remember(self, past: Past) -> Array:
         moved = [Moved(past.t, past.q[:, j], past.dq[:, j], past.load[:, j]) for j in range(len(self.joints))]
-        return np.column_stack([one.column(moved[one.joint]) for one in self.effects])
+        return np.column_stack([effect.column(moved[effect.joint]) for effect in self.effects])
 
     def regressor(self, q: Array, dq: Array, ddq: Array, *memory: Array) -> Array:  # noqa: ARG002
         return np.asarray(memory[0][:, None, :] * self.support)
@@ -82,9 +82,9 @@ class Known(Term):
         return Partials(zero, zero, zero)
 
 
-def by_defaults(one: Arm, train: Sequence[Log], held: Sequence[Log], recipe: Recipe) -> Identification:
+def by_defaults(case: Arm, train: Sequence[Log], held: Sequence[Log], recipe: Recipe) -> Identification:
     """Identify with all that is chosen left to be chosen."""
-    bodies = RigidBodies(one.file)
+    bodies = RigidBodies(case.file)
     if any(field == "terms" for field in Recipe.__dataclass_fields__):
         return identify(Model((bodies,)), train, held, replace(recipe, terms="auto"))  # type: ignore[call-arg,unused-ignore]
     kinds = ("rotor", "viscous", "coulomb", "offset")
@@ -92,20 +92,20 @@ def by_defaults(one: Arm, train: Sequence[Log], held: Sequence[Log], recipe: Rec
     return identify(Model((bodies, *plain)), train, held, recipe)
 
 
-def by_oracle(one: Arm, train: Sequence[Log], held: Sequence[Log], recipe: Recipe) -> Identification:
+def by_oracle(case: Arm, train: Sequence[Log], held: Sequence[Log], recipe: Recipe) -> Identification:
     """Identify with the true law, its true constants and the true load."""
-    bodies = RigidBodies(one.file)
-    known = (Known(bodies.joints, one.effects),) if one.effects else ()
-    model = Model((bodies, RotorInertia(bodies.joints), Offset(bodies.joints), *known), load=tuple(one.bodies))
+    bodies = RigidBodies(case.file)
+    reference = (Known(bodies.joints, case.effects),) if case.effects else ()
+    model = Model((bodies, RotorInertia(bodies.joints), Offset(bodies.joints), *reference), load=tuple(case.bodies))
     return identify(model, train, held, recipe)
 
 
-def groups(found: Identification) -> set[tuple[int, str]]:
+def groups(identification: Identification) -> set[tuple[int, str]]:
     """The joints and kinds of the friction that a model has."""
-    known = TERMS.kinds()
+    reference = TERMS.kinds()
     out: set[tuple[int, str]] = set()
-    for term in found.model.terms:
-        if (kind := TERMS.kind_of(term)) in known:
+    for term in identification.model.terms:
+        if (kind := TERMS.kind_of(term)) in reference:
             out |= {(int(joint), kind) for joint in np.flatnonzero(term.support.any(axis=1))}
     return out
 
@@ -115,36 +115,36 @@ def study(name: str, law: str, seed: int, noise: float = NOISE, duration: float 
     rng = np.random.default_rng([3, seed])
     n = len(ARMS[name])
     motions = {role: course(n, rng, speed, duration) for role, speed in (("train", 1.0), ("same", 1.0), ("fast", FAST))}
-    one = arm(name, law, motions["train"], seed)
-    logs = {role: one.record(motion, noise, rng, role) for role, motion in motions.items()}
-    true = {role: one.torque(motion) for role, motion in motions.items()}
-    effects = needed(one, motions["train"], noise)
+    test_arm = arm(name, law, motions["train"], seed)
+    logs = {role: test_arm.record(motion, noise, rng, role) for role, motion in motions.items()}
+    true = {role: test_arm.torque(motion) for role, motion in motions.items()}
+    effects = needed(test_arm, motions["train"], noise)
     recipe = Recipe(estimator=PhysicallyConsistent())
     row: Row = {"arm": name, "law": law, "seed": seed}
     for way, how in (("auto", by_defaults), ("oracle", by_oracle)):
         began = time.process_time()
-        found = how(one, [logs["train"]], [logs["same"], logs["fast"]], recipe)
+        result = how(test_arm, [logs["train"]], [logs["same"], logs["fast"]], recipe)
         row[f"{way}_s"] = round(time.process_time() - began, 1)
-        for log in found.validations:
+        for log in result.validations:
             keep = log.motion.mask
             row[f"{way}_{log.name}"] = round(log.errors.relative_error, 4)
             row[f"{way}_{log.name}_true"] = share((log.predicted_torque - true[log.name])[keep], true[log.name][keep])
         if way == "auto":
-            row |= compared(groups(found), effects)
+            row |= compared(groups(result), effects)
     return row
 
 
-def share(error: Array, whole: Array) -> float:
-    return round(100 * float(np.linalg.norm(error) / np.linalg.norm(whole)), 4)
+def share(error: Array, array: Array) -> float:
+    return round(100 * float(np.linalg.norm(error) / np.linalg.norm(array)), 4)
 
 
-def compared(found: set[tuple[int, str]], effects: dict[tuple[int, str], float]) -> Row:
+def compared(result: set[tuple[int, str]], effects: dict[tuple[int, str], float]) -> Row:
     """Which groups were to be found, which were, and which were entered that do not act."""
     special = {key for key, gain in effects.items() if gain >= SHOWN and key[1] not in ALWAYS}
-    wrong = {key for key in found if key not in effects and key[1] not in ALWAYS}
+    wrong = {key for key in result if key not in effects and key[1] not in ALWAYS}
     return {
         "needed": sorted(special),
-        "missed": sorted(special - found),
+        "missed": sorted(special - result),
         "wrong": sorted(wrong),
         "gains": {f"{joint} {kind}": round(gain, 3) for (joint, kind), gain in sorted(effects.items())},
     }
@@ -156,7 +156,7 @@ def scores(rows: Iterable[Row]) -> dict[str, Row]:
     by: dict[str, list[Row]] = {}
     for row in rows:
         by.setdefault(row["law"], []).append(row)
-    every = [row for own in by.values() for row in own]
+    every = [row for value in by.values() for row in value]
     return {law: score(own) for law, own in (*by.items(), ("all laws", every))}
 
 

@@ -164,7 +164,7 @@ class Arm:
 
     @cached_property
     def bodies(self) -> Array:
-        return np.array([one.value for one in self.model.terms[0].parameters], dtype=float)
+        return np.array([parameter.value for parameter in self.model.terms[0].parameters], dtype=float)
 
     @cached_property
     def theta(self) -> Array:
@@ -175,7 +175,7 @@ class Arm:
     def file(self) -> str:
         """The robot file that the user has: masses are a tenth off."""
         factors = (*NOMINAL, 1.08)
-        return urdf(tuple(replace(one, mass=one.mass * by) for one, by in zip(self.links, factors, strict=False)))
+        return urdf(tuple(replace(link, mass=link.mass * by) for link, by in zip(self.links, factors, strict=False)))
 
     def load(self, course: Course) -> Array:
         """Torque of the bodies alone (N, n)."""
@@ -185,8 +185,8 @@ class Arm:
         """The true torque at the logged samples (M, n)."""
         at, load = course.logged, self.load(course)
         tau = self.model.torque(course.q[at], course.dq[at], course.ddq[at], self.theta)
-        for one in self.effects:
-            tau[:, one.joint] += one.coefficient * one.column(_of(course, load, one.joint))[at]
+        for effect in self.effects:
+            tau[:, effect.joint] += effect.coefficient * effect.column(_of(course, load, effect.joint))[at]
         return np.asarray(tau + 0.02 * np.sqrt(np.mean(tau**2, axis=0)))  # with an offset
 
     def record(self, course: Course, noise: float, rng: np.random.Generator, source: str) -> Log:
@@ -194,7 +194,7 @@ class Arm:
         at, tau = course.logged, self.torque(course)
         q = course.q[at] + NOISE_Q * rng.standard_normal(tau.shape)
         tau = tau + noise * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
-        joints = tuple(one.name for one in self.model.joints)
+        joints = tuple(joint.name for joint in self.model.joints)
         return Log(course.t[at], ENCODER * np.round(q / ENCODER), tau, joints, source)
 
 
@@ -237,13 +237,13 @@ def arm(name: str, law: str, motion: Course, seed: int) -> Arm:
     return replace(plain, effects=tuple(effects))
 
 
-def needed(one: Arm, motion: Course, noise: float) -> dict[tuple[int, str], float]:
+def needed(case: Arm, motion: Course, noise: float) -> dict[tuple[int, str], float]:
     """Share of a joint's squared error, least squares on the true motion with noise, that each effect takes away."""
-    at, load = motion.logged, one.load(motion)
-    regressor, tau = one.model.regressor(motion.q[at], motion.dq[at], motion.ddq[at]), one.torque(motion)
-    found = {}
-    for joint in range(len(one.links)):
-        own = [effect for effect in one.effects if effect.joint == joint]
+    at, load = motion.logged, case.load(motion)
+    regressor, tau = case.model.regressor(motion.q[at], motion.dq[at], motion.ddq[at]), case.torque(motion)
+    result = {}
+    for joint in range(len(case.links)):
+        own = [effect for effect in case.effects if effect.joint == joint]
         columns = [effect.column(_of(motion, load, joint))[at] for effect in own]
         white = noise**2 * np.mean(tau[:, joint] ** 2)
         for k, effect in enumerate(own):
@@ -251,5 +251,5 @@ def needed(one: Arm, motion: Course, noise: float) -> dict[tuple[int, str], floa
             every = np.column_stack([regressor[:, joint], np.ones(len(tau)), *others])
             left = columns[k] - every @ np.linalg.lstsq(every, columns[k], rcond=1e-9)[0]
             lost = effect.coefficient**2 * np.mean(left**2)
-            found[joint, effect.kind] = float(lost / (lost + white))
-    return found
+            result[joint, effect.kind] = float(lost / (lost + white))
+    return result

@@ -139,40 +139,44 @@ def one_run(joints: int, cell: str, seed: int, run: int, names: tuple[str, ...],
         "find_time_offset": once(find_time_offset, lambda *_, **__: "least squares"),
     }
     for name in names:
-        recipe = Recipe(tuple(Spline(factor=one) for one in NOISE_FACTORS), ESTIMATORS[name], time_offset="estimate")
+        recipe = Recipe(tuple(Spline(factor=x) for x in NOISE_FACTORS), ESTIMATORS[name], time_offset="estimate")
         began = time.process_time()
         with patch.multiple("dynident.identification.time_offset", **shared):
-            found = identify(nominal(joints, error), [log], recipe=recipe)
+            result = identify(nominal(joints, error), [log], recipe=recipe)
         took = {"seconds": round(time.process_time() - began, 2)}
         key = {"joints": joints, "cell": cell, "estimator": name, "seed": seed, "run": run, "file": error}
-        rows.append(key | took | judged(found, np.asarray(robot(joints)[0].values)))
+        rows.append(key | took | judged(result, np.asarray(robot(joints)[0].values)))
     return rows
 
 
 def once(function: Callable[..., Any], key: Callable[..., Any]) -> Callable[..., Any]:
     """Remember what a function returns, by a key of its arguments."""
-    known: dict[Any, Any] = {}
+    reference: dict[Any, Any] = {}
 
     def remembered(*given: Any, **named: Any) -> Any:
         which = key(*given, **named)
-        if which not in known:
-            known[which] = function(*given, **named)
-        return known[which]
+        if which not in reference:
+            reference[which] = function(*given, **named)
+        return reference[which]
 
     return remembered
 
 
-def judged(found: Identification, truth: np.ndarray) -> Row:
+def judged(identification: Identification, truth: np.ndarray) -> Row:
     """Errors and standard errors of the base parameters, the notes and the time offset of a run."""
-    basis, std, offset = found.base.on_data, found.errors.base_std, found.calibration.time_offset
+    basis, std, offset = (
+        identification.base.on_data,
+        identification.errors.base_std,
+        identification.calibration.time_offset,
+    )
     assert basis is not None
     assert std is not None
     assert offset is not None
     return {
         "names": [basis.names[k] for k in basis.independent],
-        "error": [float(f"{x:.5g}") for x in basis.to_base(found.estimate.value - truth)],
+        "error": [float(f"{x:.5g}") for x in basis.to_base(identification.estimate.value - truth)],
         "std": [float(f"{x:.5g}") for x in std],
-        "notes": sorted({f"{type(one).__name__} ({one.severity})" for one in found.warnings}),
+        "notes": sorted({f"{type(warning).__name__} ({warning.severity})" for warning in identification.warnings}),
         "offset": [offset.seconds, offset.std],
     }
 
@@ -188,15 +192,17 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--file-error", type=float, default=0.0, help="share by which the robot file is wrong")
     given = parser.parse_args()
-    known = {(r["joints"], r["cell"], r["estimator"], r["seed"], r["run"], r.get("file", 0)) for r in read(given.file)}
+    reference = {
+        (r["joints"], r["cell"], r["estimator"], r["seed"], r["run"], r.get("file", 0)) for r in read(given.file)
+    }
     jobs = []
     for run, joints, cell in product(range(given.runs), given.joints or (3, 6), given.cell or CELLS):
         wanted = given.estimator or ESTIMATORS
-        names = tuple(one for one in wanted if (joints, cell, one, given.seed, run, given.file_error) not in known)
+        names = tuple(x for x in wanted if (joints, cell, x, given.seed, run, given.file_error) not in reference)
         jobs += [(joints, cell, given.seed, run, names, given.file_error)] if names else []
     with ProcessPoolExecutor(given.workers) as pool, given.file.open("a") as out:
         for rows in pool.map(one_run, *zip(*jobs, strict=True)) if jobs else ():
-            out.writelines(json.dumps(one) + "\n" for one in rows)
+            out.writelines(json.dumps(row) + "\n" for row in rows)
             out.flush()
     tell(read(given.file))
 
@@ -212,9 +218,9 @@ def read(path: Path) -> Iterator[Row]:
 
 def tell(rows: Iterable[Row]) -> None:
     cells: dict[tuple[int, float, int, int], list[Row]] = defaultdict(list)
-    for one in rows:
-        place = list(CELLS).index(one["cell"]), list(ESTIMATORS).index(one["estimator"])
-        cells[one["joints"], one.get("file", 0.0), *place].append(one)
+    for row in rows:
+        place = list(CELLS).index(row["cell"]), list(ESTIMATORS).index(row["estimator"])
+        cells[row["joints"], row.get("file", 0.0), *place].append(row)
     for (joints, error, cell, estimator), some in sorted(cells.items()):
         wrong = f", file {100 * error:.0f} % wrong" if error else ""
         told = (
@@ -225,8 +231,8 @@ def tell(rows: Iterable[Row]) -> None:
 
 def summary(rows: list[Row]) -> str:
     by: dict[str, list[tuple[float, float]]] = defaultdict(list)
-    for one in rows:
-        for name, *pair in zip(one["names"], one["error"], one["std"], strict=True):
+    for row in rows:
+        for name, *pair in zip(row["names"], row["error"], row["std"], strict=True):
             by[name].append(tuple(pair))
     pairs = {name: np.array(some) for name, some in by.items()}
     holds = {name: 100 * (np.abs(x[:, 0]) < NORMAL_95 * x[:, 1]).mean() for name, x in pairs.items()}
@@ -234,9 +240,9 @@ def summary(rows: list[Row]) -> str:
     scatter = {name: max(float(x[:, 0].std()), 1e-300) for name, x in pairs.items()}
     ratio = np.median([scatter[name] / np.median(x[:, 1]) for name, x in pairs.items()])
     bias = max(abs(float(x[:, 0].mean())) / scatter[name] for name, x in pairs.items())
-    notes = Counter(note for one in rows for note in one["notes"])
+    notes = Counter(note for row in rows for note in row["notes"])
     shares = ", ".join(f"{note} {100 * count / len(rows):.0f} %" for note, count in sorted(notes.items()))
-    offset = 1e3 * np.array([one["offset"][0] for one in rows])
+    offset = 1e3 * np.array([row["offset"][0] for row in rows])
     return (
         f"{np.mean(list(holds.values())):.1f} %, worst {holds[worst]:.1f} ({worst}); scatter {ratio:.2f}, "
         f"bias {bias:.2f}; offset {offset.mean():.3f} +- {offset.std():.3f} ms; {shares or 'no notes'}"

@@ -34,13 +34,13 @@ class Row:
 
     def figure(self, table: Table, measured: Measured, way: str | None) -> float | None:
         """What it costs in one way, in the unit of its table; None where that was not measured."""
-        found = measured.get(self.work.key, {}).get(way or "")
-        return found[table.quantity] * table.scale / self.count if isinstance(found, Mapping) else None
+        result = measured.get(self.work.key, {}).get(way or "")
+        return result[table.quantity] * table.scale / self.count if isinstance(result, Mapping) else None
 
     def met(self, table: Table, measured: Measured, way: str) -> bool | None:
         """Whether it reaches its mark in one way; None where there is none, or a figure is missing."""
         mark = self.marks[("with", "without").index(way)]
-        own, peer = (self.figure(table, measured, one) for one in (way, self.peer))
+        own, peer = (self.figure(table, measured, x) for x in (way, self.peer))
         if mark is None or own is None or (mark.ratio and peer is None):
             return None
         return (mark.most is None or own <= mark.most) and (not mark.ratio or not peer or peer >= mark.ratio * own)
@@ -198,6 +198,6 @@ PLOTS = {
 
 def works(names: Collection[str]) -> list[Work]:
     """The works of some tables, and of all plots for "growth", each once; where both have one, that of the table."""
-    found = [row.work for name in names if name in TABLES for row in TABLES[name].rows]
-    found += [work for plot in PLOTS.values() for _, work, _ in plot.points if "growth" in names]
-    return list({work.key: work for work in reversed(found)}.values())[::-1]
+    result = [row.work for name in names if name in TABLES for row in TABLES[name].rows]
+    result += [work for plot in PLOTS.values() for _, work, _ in plot.points if "growth" in names]
+    return list({work.key: work for work in reversed(result)}.values())[::-1]

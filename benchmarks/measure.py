@@ -70,22 +70,22 @@ class Figure:
 
 def measured(work: Work) -> dict[str, Figure | str]:
     """Return by way and peer what a work costs, or why this is not known here."""
-    found: dict[str, Figure | str] = {}
+    result: dict[str, Figure | str] = {}
     with ExitStack() as stack:
         workers: dict[str, Worker] = {}
         for way in (*work.ways, *work.peers):
             worker = stack.enter_context(started(work, way))
-            found[way] = worker.answer()
+            result[way] = worker.answer()
             workers[way] = worker
         began = time.monotonic()
         for _ in range(ROUNDS - 1):
             if time.monotonic() - began > work.seconds:
                 break
             for way, worker in workers.items():
-                one = found[way]
-                if isinstance(one, Figure) and one.wall < work.seconds:  # else once is enough
-                    found[way] = one.best(worker.again())
-    return found
+                case = result[way]
+                if isinstance(case, Figure) and case.wall < work.seconds:  # else once is enough
+                    result[way] = case.best(worker.again())
+    return result
 
 
 @dataclass(frozen=True)
@@ -161,8 +161,8 @@ def once(call: Callable[[], object], number: int) -> dict[str, float]:
         said = call()
     used, wall = (cpu() - spent) / number, (time.perf_counter() - began) / number
     most = peak()
-    found = {"cpu": used, "wall": wall, "peak": most, "rise": max(0.0, most - before)}
-    return found | said if isinstance(said, dict) else found
+    result = {"cpu": used, "wall": wall, "peak": most, "rise": max(0.0, most - before)}
+    return result | said if isinstance(said, dict) else result
 
 
 def cpu() -> float:

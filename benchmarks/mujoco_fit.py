@@ -31,7 +31,7 @@ def built(recording: dict[str, Any]) -> mujoco.MjSpec:
     """The robot file with the drives as actuators, and what is measured as sensors."""
     spec = mujoco.MjSpec.from_string(str(recording["urdf"]))
     for mesh in list(spec.meshes):
-        for geom in [one for one in spec.geoms if one.meshname == mesh.name]:
+        for geom in [geom for geom in spec.geoms if geom.meshname == mesh.name]:
             spec.delete(geom)
         spec.delete(mesh)
     for joint in spec.joints:  # given, not those of a geometry
@@ -59,16 +59,16 @@ def built(recording: dict[str, Any]) -> mujoco.MjSpec:
 
 def parameters(spec: mujoco.MjSpec) -> ParameterDict:
     """What is sought, with what writes it into a model."""
-    model, found = spec.compile(), ParameterDict()
+    model, result = spec.compile(), ParameterDict()
     for joint in spec.joints:
         body = joint.parent.name
-        found.add(sysid.body_inertia_param(spec, model, body, inertia_type=InertiaType.Pseudo, modifier=of_body(body)))
+        result.add(sysid.body_inertia_param(spec, model, body, inertia_type=InertiaType.Pseudo, modifier=of_body(body)))
     for name, (start, low, high) in START.items():
         for joint in spec.joints:
-            found.add(Parameter(f"{name}_{joint.name}", start, low, high, modifier=of_joint(joint.name, name)))
+            result.add(Parameter(f"{name}_{joint.name}", start, low, high, modifier=of_joint(joint.name, name)))
     for joint in spec.joints:
-        found.add(Parameter(f"offset_{joint.name}", *OFFSET, modifier=of_offset(joint.name)))
-    return found
+        result.add(Parameter(f"offset_{joint.name}", *OFFSET, modifier=of_offset(joint.name)))
+    return result
 
 
 def of_body(body: str) -> Any:
@@ -103,9 +103,7 @@ def sequences(spec: mujoco.MjSpec, recording: dict[str, Any]) -> ModelSequences:
     control[:, ::2] = recording["reference"][used]  # drives and offsets take turns
     names = [joint.name for joint in spec.joints]
     # a sensor has the force of the step before its time, a state is that of its time
-    torque = np.stack(
-        [np.interp(t - model.opt.timestep / 2, recording["t"], one) for one in recording["tau"].T], axis=1
-    )
+    torque = np.stack([np.interp(t - model.opt.timestep / 2, recording["t"], x) for x in recording["tau"].T], axis=1)
     measured = np.concatenate([torque, recording["q"][first:]], axis=1)  # the tool wants sensors before states
     signals = [(f"tau_{name}", SignalType.MjSensor) for name in names]
     signals += [(f"{name}_qpos", SignalType.MjStateQPos) for name in names]
@@ -117,17 +115,17 @@ def sequences(spec: mujoco.MjSpec, recording: dict[str, Any]) -> ModelSequences:
     )  # fmt: skip
 
 
-def values(spec: mujoco.MjSpec, found: ParameterDict) -> list[float]:
+def values(spec: mujoco.MjSpec, parameter_dict: ParameterDict) -> list[float]:
     """All parameters, in the order of the answer."""
     done = spec.copy()
-    sysid.apply_param_modifiers_spec(found, done)
+    sysid.apply_param_modifiers_spec(parameter_dict, done)
     links = []
     for joint in done.joints:
         m, hx, hy, hz, *inertia = sysid.model_modifier.pi_from_body(done, joint.parent.name)
         xx, xy, xz, _, yy, yz, _, _, zz = inertia
         links += [m, hx, hy, hz, xx, xy, yy, xz, yz, zz]
-    drives = [found[f"{name}_{joint.name}"].value[0] for name in (*START, "offset") for joint in done.joints]
-    return [float(one) for one in (*links, *drives)]
+    drives = [parameter_dict[f"{name}_{joint.name}"].value[0] for name in (*START, "offset") for joint in done.joints]
+    return [float(x) for x in (*links, *drives)]
 
 
 def main() -> None:
@@ -136,9 +134,9 @@ def main() -> None:
     began = time.process_time()
     residual = sysid.build_residual_fn(models_sequences=[sequences(spec, recording)], n_threads=1)
     steps = int(sys.argv[3]) if len(sys.argv) > 3 else STEPS
-    found, _ = sysid.optimize(parameters(spec), residual, "mujoco", max_iters=steps, verbose=False, eps=DIFFERENCE)
+    result, _ = sysid.optimize(parameters(spec), residual, "mujoco", max_iters=steps, verbose=False, eps=DIFFERENCE)
     seconds = time.process_time() - began
-    fit = {"name": "output error in closed loop", "value": values(spec, found), "seconds": seconds}
+    fit = {"name": "output error in closed loop", "value": values(spec, result), "seconds": seconds}
     Path(sys.argv[2]).write_text(json.dumps([fit]))
 
 

@@ -109,7 +109,7 @@ def meaning(code: str) -> str | None:
         elif isinstance(node, ast.FunctionDef):
             node.returns = None
         elif isinstance(node, ast.Call):
-            node.keywords = [one for one in node.keywords if one.arg not in ("strict", "maxsize")]
+            node.keywords = [keyword for keyword in node.keywords if keyword.arg not in ("strict", "maxsize")]
     return ast.dump(tree)
 
 
@@ -123,8 +123,8 @@ def mutants(path: str, seed: int) -> Iterator[tuple[str, Mutant]]:
     lines, same = code.splitlines(), meaning(code)
     nodes, seen, places = list(ast_nodes(get_ast(code))), Counter[str](), []
     for name in OPERATORS:
-        found = [place for node in nodes for place in get_operator(name)().mutation_positions(node)]
-        for occurrence, ((row, _), _) in enumerate(found):
+        result = [place for node in nodes for place in get_operator(name)().mutation_positions(node)]
+        for occurrence, ((row, _), _) in enumerate(result):
             label = f"{seed} {path} {name} {lines[row - 1].strip()}"
             seen[label] += 1
             places.append((hashlib.sha256(f"{label} {seen[label]}".encode()).hexdigest(), name, occurrence))
@@ -142,7 +142,9 @@ def sample(rooms: Sequence[str], size: int, seed: int) -> tuple[list[Mutant], in
 
     Each is of a file that is drawn with a probability by its lines, the next one of that file by rank.
     """
-    listed = {(one["path"], one["was"], one["becomes"]) for one in tomllib.loads(EQUIVALENT.read_text())["mutant"]}
+    listed = {
+        (entry["path"], entry["was"], entry["becomes"]) for entry in tomllib.loads(EQUIVALENT.read_text())["mutant"]
+    }
     paths = files(rooms)
     lines = [len((ROOT / path).read_text(encoding="utf-8").splitlines()) for path in paths]
     ranked = {path: mutants(path, seed) for path in dict.fromkeys(paths)}
@@ -333,8 +335,8 @@ class Copy:
 def known(out: Path) -> dict[tuple[str, str, str, int], Outcome]:
     """Return the outcomes of earlier runs, the last of each mutant."""
     lines = out.read_text(encoding="utf-8").splitlines() if out.exists() else []
-    found = [Outcome(**json.loads(line)) for line in lines]
-    return {(one.path, one.was, one.becomes, one.line): one for one in found}
+    result = [Outcome(**json.loads(line)) for line in lines]
+    return {(entry.path, entry.was, entry.becomes, entry.line): entry for entry in result}
 
 
 def holds(old: Outcome | None, source: str, tests: str) -> bool:
@@ -383,10 +385,10 @@ def run(names: Sequence[str], size: int, seed: int, out: Path) -> tuple[dict[str
 
 def show(outcomes: Mapping[str, Sequence[Outcome]], equivalent: int) -> None:
     """Print the survivors as differences, then the score of each room: of the mutants tried, those noticed."""
-    for survivor in (one for tried in outcomes.values() for one in tried if one.result == "survived"):
+    for survivor in (entry for tried in outcomes.values() for entry in tried if entry.result == "survived"):
         differences = difflib.ndiff([survivor.was], [survivor.becomes])
         print("\n".join([f"\n{survivor.path}:{survivor.line}", *(line for line in differences if line[0] in "+-")]))
-    counts = {room: Counter(one.result == "survived" for one in tried) for room, tried in sorted(outcomes.items())}
+    counts = {room: Counter(entry.result == "survived" for entry in tried) for room, tried in sorted(outcomes.items())}
     counts["all"] = sum(counts.values(), Counter())
     print(f"\n{'room':24} tried  killed  survived    score")
     for room, of in counts.items():

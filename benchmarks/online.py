@@ -25,8 +25,8 @@ def tracked(_: str, joints: int, size: int, memory: str) -> Call:
 
     result, log = identified(joints)
     given = MEMORIES[memory]
-    known = given if isinstance(given, float) else {GroupKind(kind): value for kind, value in given.items()}
-    tracker = Tracker(result, estimate_smoothing(result, log), memory=known)
+    reference = given if isinstance(given, float) else {GroupKind(kind): value for kind, value in given.items()}
+    tracker = Tracker(result, estimate_smoothing(result, log), memory=reference)
     now = 0.0
 
     def on() -> Any:
@@ -88,7 +88,7 @@ def identified(joints: int) -> tuple[Any, Any]:
     model = arm(joints)
     q, dq, ddq = states(joints, SAMPLES)
     t, rng = STEP * np.arange(SAMPLES, dtype=np.float64), np.random.default_rng(2)
-    theta = np.array([0.5 if one.value is None else one.value for one in model.parameters])
+    theta = np.array([0.5 if parameter.value is None else parameter.value for parameter in model.parameters])
     tau = model.torque(q, dq, ddq, theta) + 0.1 * rng.standard_normal(q.shape)
     log = Log(t, q + SIGMA * rng.standard_normal(q.shape), tau, tuple(joint.name for joint in model.joints))
     recipe = Recipe(Spline(sigma=SIGMA), LeastSquares(weights="per_joint"), outliers="keep", rests="keep")

@@ -78,7 +78,7 @@ class Day:
         """Return a recording, with a payload (10) in the frame of the last link, with friction that has drifted."""
         theta = self.theta if drift is None else self._drifted(drift)
         bodies: Any = self.model.terms[0]
-        load = np.array([one.value for one in bodies.parameters])
+        load = np.array([parameter.value for parameter in bodies.parameters])
         if payload is not None:
             load[-10:] += payload
         theta = np.concatenate([load, theta[len(load) :]])
@@ -116,8 +116,8 @@ def of_robot(robot: Robot) -> tuple[Model, Array]:
     bodies, n = RigidBodies(urdf(robot.links), gravity=robot.gravity), len(robot.links)
     kinds: list[tuple[Any, str]] = [(RotorInertia, "rotor"), (Viscous, "viscous"), (Coulomb, "coulomb")]
     terms = [kind(bodies.joints) for kind, _ in [*kinds, (Offset, "offset")]]
-    values = [getattr(one, name) for _, name in [*kinds, (Offset, "offset")] for one in robot.friction[:n]]
-    return Model((bodies, *terms)), np.array([*(one.value for one in bodies.parameters), *values])
+    values = [getattr(x, name) for _, name in [*kinds, (Offset, "offset")] for x in robot.friction[:n]]
+    return Model((bodies, *terms)), np.array([*(parameter.value for parameter in bodies.parameters), *values])
 
 
 def one_run(robot: str, seed: int, estimator: Estimator, repeat: bool, say: Callable[[str], None]) -> dict[str, Any]:
@@ -128,7 +128,7 @@ def one_run(robot: str, seed: int, estimator: Estimator, repeat: bool, say: Call
     gains = (1 + GAIN * rng.standard_normal()) * (1 + GAIN * rng.standard_normal(n))
     day = Day(model, theta, gains, int(rng.integers(1 << 30)) if repeat else None)
     recipe = Recipe(estimator=estimator)
-    found = identify(model, {"arm": day.log(rng, "arm")}, recipe=recipe)
+    result = identify(model, {"arm": day.log(rng, "arm")}, recipe=recipe)
     later = rng.integers(1 << 30)  # the day after: one drift
 
     def log(name: str, payload: Array | None = None) -> dict[str, Log]:
@@ -137,28 +137,28 @@ def one_run(robot: str, seed: int, estimator: Estimator, repeat: bool, say: Call
     weighed, sought, unloaded = log("weighed", WEIGHED), log("sought", SOUGHT), log("unloaded")
     out: dict[str, Any] = {"robot": robot, "seed": seed, "gains": gains.tolist()}
     begin = time.perf_counter()
-    out["blind"] = row(find_payload(found, sought))
+    out["blind"] = row(find_payload(result, sought))
     out["seconds"] = time.perf_counter() - begin
-    known: DriveGains = find_payload(found, weighed, request=PayloadRequest(known_mass=5.0)).gains
-    out["found gains"] = (known.factor.tolist(), known.std.tolist())
-    out["weighed"] = row(find_payload(found, sought, request=PayloadRequest(gains=known)))
-    known = find_payload(found, weighed, unloaded, PayloadRequest(known_mass=5.0)).gains
-    out["weighed, unloaded"] = row(find_payload(found, sought, unloaded, PayloadRequest(gains=known)))
+    reference: DriveGains = find_payload(result, weighed, request=PayloadRequest(known_mass=5.0)).gains
+    out["found gains"] = (reference.factor.tolist(), reference.std.tolist())
+    out["weighed"] = row(find_payload(result, sought, request=PayloadRequest(gains=reference)))
+    reference = find_payload(result, weighed, unloaded, PayloadRequest(known_mass=5.0)).gains
+    out["weighed, unloaded"] = row(find_payload(result, sought, unloaded, PayloadRequest(gains=reference)))
     placed = PayloadRequest(known_mass=5.0, known_centre=(0.0, 0.0, 0.05))
-    known = find_payload(found, weighed, unloaded, placed).gains
-    out["placed, unloaded"] = row(find_payload(found, sought, unloaded, PayloadRequest(gains=known)))
+    reference = find_payload(result, weighed, unloaded, placed).gains
+    out["placed, unloaded"] = row(find_payload(result, sought, unloaded, PayloadRequest(gains=reference)))
     say(f"{robot} {seed}: {out['blind']['values'][0]:.4f} {out['weighed']['values'][0]:.4f}")
     return out
 
 
-def row(found: Payload) -> dict[str, Any]:
+def row(payload: Payload) -> dict[str, Any]:
     """Return the figures of a payload."""
     return {
-        "values": found.body.values.tolist(), "std": found.body.std.tolist(), "factor": found.factor,
-        "shares": {source.value: share[[0, 1, 2, 3]].tolist() for source, share in found.shares.items()},
-        "free": found.free.tolist(), "spread": found.covariance.tolist(),
-        "left": [(one.without, one.with_payload, one.free) for one in found.logs],
-        "notes": [type(note).__name__ for note in found.notes],
+        "values": payload.body.values.tolist(), "std": payload.body.std.tolist(), "factor": payload.factor,
+        "shares": {source.value: share[[0, 1, 2, 3]].tolist() for source, share in payload.shares.items()},
+        "free": payload.free.tolist(), "spread": payload.covariance.tolist(),
+        "left": [(log.without, log.with_payload, log.free) for log in payload.logs],
+        "notes": [type(note).__name__ for note in payload.notes],
     }  # fmt: skip
 
 
@@ -175,11 +175,11 @@ def summary(rows: list[dict[str, Any]]) -> None:
         "95 % hold",
     )
     print(f"| {' | '.join(heads)} |\n|{'---|' * len(heads)}")
-    for robot in dict.fromkeys(one["robot"] for one in rows):
+    for robot in dict.fromkeys(x["robot"] for x in rows):
         for case in CASES:
-            several = [one[case] for one in rows if one["robot"] == robot]
-            error = np.array([one["values"] for one in several]) - TRUTH
-            held = (np.abs(error) < 1.96 * np.array([one["std"] for one in several])).mean(axis=0)
+            several = [x[case] for x in rows if x["robot"] == robot]
+            error = np.array([x["values"] for x in several]) - TRUTH
+            held = (np.abs(error) < 1.96 * np.array([x["std"] for x in several])).mean(axis=0)
             mass, centre = 100 * np.abs(error[:, 0]) / TRUTH[0], 1e3 * np.linalg.norm(error[:, 1:4], axis=1)
             cells = (
                 robot, case, len(several), f"{_rms(mass):.2f} ({np.quantile(mass, 0.95):.2f})",
@@ -207,7 +207,7 @@ def main() -> None:
         LeastSquares(weights="per_joint") if asked.estimator == "least_squares" else PhysicallyConsistent()
     )
     rows = [json.loads(line) for line in asked.out.read_text().splitlines()] if asked.out.exists() else []
-    done = {(one["robot"], one["seed"]) for one in rows}
+    done = {(x["robot"], x["seed"]) for x in rows}
     with asked.out.open("a") as file:
         for seed in range(asked.first_seed, asked.first_seed + asked.runs):
             for robot in ROBOTS:

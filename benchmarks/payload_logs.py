@@ -44,14 +44,14 @@ def identified(name: str, data: Path) -> tuple[Identification, dict[str, Log]]:
 
 def rows(name: str, data: Path) -> Iterator[tuple[str, ...]]:
     """Yield what is found of a payload, for gains known to 3 % and known."""
-    found, logs = identified(name, data)
-    mount, mass = mount_of(found.model), ARMS[name]
+    result, logs = identified(name, data)
+    mount, mass = mount_of(result.model), ARMS[name]
     phi = from_physical(mass, CENTRE, np.diag([0.012, 0.015, 0.006]) * mass / 3)
     truth = physical_components(phi)
     for gain_error in (3.0, 0.0):
-        loaded = {key: _loaded(found, log, mount.transform @ phi) for key, log in logs.items()}
-        one = find_payload(found, loaded, request=PayloadRequest(gain_error=gain_error))
-        error, std = one.body.values - truth, one.body.std
+        loaded = {key: _loaded(result, log, mount.transform @ phi) for key, log in logs.items()}
+        payload = find_payload(result, loaded, request=PayloadRequest(gain_error=gain_error))
+        error, std = payload.body.values - truth, payload.body.std
         centre = ", ".join(f"{1e3 * a:.1f} ± {1e3 * b:.1f}" for a, b in zip(error[1:4], std[1:4], strict=True))
         seconds = sum(float(log.t[-1] - log.t[0]) for log in logs.values())
         held = int((np.abs(error) < 1.96 * std).sum())
@@ -59,12 +59,14 @@ def rows(name: str, data: Path) -> Iterator[tuple[str, ...]]:
         yield *row, centre, f"{held} of 10"
 
 
-def _loaded(found: Identification, log: Log, added: np.ndarray) -> Log:
+def _loaded(identification: Identification, log: Log, added: np.ndarray) -> Log:
     """Return a recording with the torque of a payload added."""
-    joints = tuple(joint.name for joint in found.model.joints)
-    motion = found.recipe.motion(log.select(joints))
-    torque = found.model.remembering(motion)
-    return replace(log.select(joints), tau=log.select(joints).tau + found.model.torque(**torque.states(), theta=added))
+    joints = tuple(joint.name for joint in identification.model.joints)
+    motion = identification.recipe.motion(log.select(joints))
+    torque = identification.model.remembering(motion)
+    return replace(
+        log.select(joints), tau=log.select(joints).tau + identification.model.torque(**torque.states(), theta=added)
+    )
 
 
 def main() -> None:

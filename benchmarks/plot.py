@@ -34,9 +34,9 @@ class Axis:
         low, high = log10(min(values)), log10(max(values))
         self.steps = (1, 2, 5) if high - low < 2.5 else (1,)
         every = [10.0**k * step for k in range(floor(low) - 1, ceil(high) + 1) for step in self.steps]
-        self.low = max((log10(one) for one in every if log10(one) <= low + 0.02), default=low)
-        self.high = min((log10(one) for one in every if log10(one) >= high - 0.02), default=high)
-        self.ticks = [one for one in every if self.low - 1e-9 <= log10(one) <= self.high + 1e-9]
+        self.low = max((log10(x) for x in every if log10(x) <= low + 0.02), default=low)
+        self.high = min((log10(x) for x in every if log10(x) >= high - 0.02), default=high)
+        self.ticks = [x for x in every if self.low - 1e-9 <= log10(x) <= self.high + 1e-9]
 
     def at(self, value: float) -> float:
         """Return the pixel of a value."""

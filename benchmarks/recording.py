@@ -40,11 +40,11 @@ def sines(seed: int, speed: float = 1.0, span: float = SPAN, size: float = 1.0) 
 
 def one_by_one(centre: bool) -> Motion:
     """Each joint moved alone for its share of the time, the others at zero, or each time in another pose."""
-    whole, rng = sines(1), np.random.default_rng(2)
-    turn = np.repeat(np.arange(JOINTS), -(-len(whole[0]) // JOINTS))[: len(whole[0])]
+    full, rng = sines(1), np.random.default_rng(2)
+    turn = np.repeat(np.arange(JOINTS), -(-len(full[0]) // JOINTS))[: len(full[0])]
     moving = turn[:, None] == np.arange(JOINTS)
     pose = np.zeros((JOINTS, JOINTS)) if centre else rng.uniform(-1.5, 1.5, (JOINTS, JOINTS))
-    q, dq, ddq = (np.where(moving, one, 0.0) for one in whole)
+    q, dq, ddq = (np.where(moving, x, 0.0) for x in full)
     return np.where(moving, q, pose[turn]), dq, ddq
 
 

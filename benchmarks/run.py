@@ -77,21 +77,23 @@ def bench(parts: list[str], file: Path | None) -> None:
     if not machine["level"]:
         print(f"There is no compiled kernel here: {machine['kernel']}; it is not measured.", file=sys.stderr)
     kept = read_figures(file).get("works", {}) if file else {}
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     todo = works(parts)
     for k, work in enumerate(todo, start=1):
         began = time.monotonic()
         ways = work.ways if machine["level"] else tuple(way for way in work.ways if way != "with")
         figures = measured(replace(work, ways=ways))
-        found[work.key] = {way: kept_of(one) for way, one in figures.items()}
-        print(f"{k} of {len(todo)}, {time.monotonic() - began:.0f} s: {told(work.key, found)}", flush=True)
+        result[work.key] = {way: kept_of(x) for way, x in figures.items()}
+        print(f"{k} of {len(todo)}, {time.monotonic() - began:.0f} s: {told(work.key, result)}", flush=True)
         if file:  # after each, so that a run that is stopped has kept what it has
-            known = {key: kept[key] | found.get(key, {}) if key in kept else found[key] for key in (*kept, *found)}
-            write_figures({"machine": machine, "works": known}, file)
+            reference = {
+                key: kept[key] | result.get(key, {}) if key in kept else result[key] for key in (*kept, *result)
+            }
+            write_figures({"machine": machine, "works": reference}, file)
     for name in parts:
         if name in TABLES:
-            print(f"\n{table(TABLES[name], found)}")
-    print(f"\n{summary(parts, found)}")
+            print(f"\n{table(TABLES[name], result)}")
+    print(f"\n{summary(parts, result)}")
 
 
 def kept_of(figure: Figure | str) -> dict[str, float] | str:
@@ -108,9 +110,9 @@ def facts() -> dict[str, Any]:
     return dict(json.loads(done.stdout))
 
 
-def told(key: str, found: Mapping[str, Any]) -> str:
+def told(key: str, result: Mapping[str, Any]) -> str:
     """A work and its figures, in a line."""
-    costs = (f"{way} {one['cpu']:.4g} s" if isinstance(one, Mapping) else f"{way} -" for way, one in found[key].items())
+    costs = (f"{way} {x['cpu']:.4g} s" if isinstance(x, Mapping) else f"{way} -" for way, x in result[key].items())
     return f"{key}: {', '.join(costs)}"
 
 

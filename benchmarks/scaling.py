@@ -64,7 +64,7 @@ def stages(repeats: int = 100) -> Figures:
     anew = ArmScenario("anew", "", scenario.amplitudes, scenario.sigma_tau)
     began = cpu()
     _ = anew.truth
-    found: Figures = {"simulate, once": round(cpu() - began, 3), "samples": N_SAMPLES, "period": SAMPLING_PERIOD}
+    result: Figures = {"simulate, once": round(cpu() - began, 3), "samples": N_SAMPLES, "period": SAMPLING_PERIOD}
     rng = np.random.default_rng(0)
     record = scenario.record(LEVELS[1], rng)
     shared = {"noise": timed(lambda: scenario.record(LEVELS[1], rng), repeats), "write": written(2000)}
@@ -81,10 +81,10 @@ def stages(repeats: int = 100) -> Figures:
             "regress": timed(partial(factorised, linear), repeats),
             "fit": timed(partial(LeastSquares(), problem), repeats),
         }
-        found[name] = {key: round(value, 3) for key, value in (shared | own).items()}
+        result[name] = {key: round(value, 3) for key, value in (shared | own).items()}
     likely = METHODS["ml"]
-    found["ml"] = {"all": round(timed(lambda: likely.estimate(record), 3), 1)}
-    return found
+    result["ml"] = {"all": round(timed(lambda: likely.estimate(record), 3), 1)}
+    return result
 
 
 def factorised(linear: Regression) -> Any:
@@ -127,7 +127,7 @@ PLACES: dict[str, Callable[[], AbstractContextManager[Executor | None]]] = {
 
 def spread(runs: int = 300) -> Figures:
     """The article's study by one process, two, and Dask: seconds, and CPU of all that take part."""
-    found: Figures = {"fits": runs * len(LEVELS) * len(ARTICLE), "places": {}}
+    result: Figures = {"fits": runs * len(LEVELS) * len(ARTICLE), "places": {}}
     arm, methods = [SCENARIOS["tabulated"]], [METHODS[name] for name in ARTICLE]
     _ = arm[0].truth
     for name, place in PLACES.items():
@@ -141,43 +141,43 @@ def spread(runs: int = 300) -> Figures:
                 "first": start, "seconds": time.perf_counter() - began, "own CPU": cpu() - own,
                 "CPU of workers": cpu_of(os.getpid(), children=True) - others, "load": load,
             }  # fmt: skip
-        found["places"][name] = {key: round(value, 2) for key, value in row.items()}
-        print(name, found["places"][name], flush=True)
-    return found
+        result["places"][name] = {key: round(value, 2) for key, value in row.items()}
+        print(name, result["places"][name], flush=True)
+    return result
 
 
 def rows(count: int = 20_000) -> Figures:
     """CPU seconds of the process that asks, for 1000 runs of a study of which the fits cost nothing, by place."""
-    found: Figures = {}
+    result: Figures = {}
     for name, place in PLACES.items():
         with TemporaryDirectory() as folder, place() as executor:
             list(run_jobs(Wait(0.0), range(200), executor))
             before = cpu()
             run_study([Still()], [Still()], [1.0], count, path=Path(folder) / "rows.parquet", executor=executor)
-            found[name] = {"own CPU": round(1000.0 * (cpu() - before) / count, 3)}
-        print(name, found[name], flush=True)
-    return found
+            result[name] = {"own CPU": round(1000.0 * (cpu() - before) / count, 3)}
+        print(name, result[name], flush=True)
+    return result
 
 
 def scheduler(slots: Sequence[int] = (16, 256), seconds: Sequence[float] = (0.03, 0.3, 3.0)) -> Figures:
     """A real scheduler whose workers wait as long as a fit takes: the share of their time in jobs, CPU for each job."""
-    found: Figures = {"tiny": tiny(), "waiting": []}
+    result: Figures = {"tiny": tiny(), "waiting": []}
     for many in slots:
         with cluster(workers=min(2, many), threads=max(1, many // 2)) as some, some.in_threads(many) as executor:
-            for one in seconds:
-                count = int(many * min(max(8.0 / one, 4.0), 20_000 / many))
+            for second in seconds:
+                count = int(many * min(max(8.0 / second, 4.0), 20_000 / many))
                 list(run_jobs(Wait(0.0), range(100 * many), executor))  # all workers have answered
                 began, before, its = time.perf_counter(), cpu(), some.scheduler_cpu()
-                done = sum(1 for _ in run_jobs(Wait(one), range(count), executor))
+                done = sum(1 for _ in run_jobs(Wait(second), range(count), executor))
                 took = time.perf_counter() - began
                 row = {
-                    "slots": many, "job": one, "jobs": done, "share": round(done * one / (many * took), 3),
+                    "slots": many, "job": second, "jobs": done, "share": round(done * second / (many * took), 3),
                     "client": round(1e6 * (cpu() - before) / done, 1),
                     "scheduler": round(1e6 * (some.scheduler_cpu() - its) / done, 1),
                 }  # fmt: skip
-                found["waiting"].append(row)
+                result["waiting"].append(row)
                 print(row, flush=True)
-    return found
+    return result
 
 
 def tiny(tasks: int = 4000) -> Figures:
@@ -197,18 +197,18 @@ def tiny(tasks: int = 4000) -> Figures:
 
 def fleet() -> Figures:
     """Logs of the arm in the box: CPU seconds of a log, for a worker and for who asks, with reports and without."""
-    found: Figures = {}
+    result: Figures = {}
     with TemporaryDirectory() as place:
         folder = Path(place)
         joints, samples = prepared(folder, 1)
         began = cpu()
         dynident.fleet(folder / "fleet.yaml", folder / "out")
-        found |= {"joints": joints, "samples": samples, "choice, once": round(cpu() - began, 2)}
+        result |= {"joints": joints, "samples": samples, "choice, once": round(cpu() - began, 2)}
         for name, words in (("with reports", ""), ("without", "reports: false\n")):
             prepared(folder, 1, words)
-            found[name] = costs_of_a_log(folder)
-            print(name, found[name], flush=True)
-    return found
+            result[name] = costs_of_a_log(folder)
+            print(name, result[name], flush=True)
+    return result
 
 
 def costs_of_a_log(folder: Path, few: int = 4, more: int = 12) -> Figures:
@@ -223,7 +223,7 @@ def costs_of_a_log(folder: Path, few: int = 4, more: int = 12) -> Figures:
             dynident.fleet(folder / "fleet.yaml", folder / "out", executor=executor, rerun=True)
             costs.append((cpu() - before, cpu_of(os.getpid(), children=True) - others))
     own, workers = ((b - a) / (more - few) for a, b in zip(*costs, strict=True))
-    size = sum(one.stat().st_size for one in folder.glob("out/runs/**/*") if one.is_file()) / more / 1e6
+    size = sum(path.stat().st_size for path in folder.glob("out/runs/**/*") if path.is_file()) / more / 1e6
     return {"own CPU": round(own, 4), "CPU of worker": round(workers, 2), "MB": round(size, 2)}
 
 

@@ -50,7 +50,7 @@ def cpu_of(process: int, *, children: bool = False) -> float:
     """Return the CPU time (s) of a process, or of those that it started and that live."""
     of = psutil.Process(process)
     some = of.children(recursive=True) if children else [of]
-    return sum(sum(one.cpu_times()[:2]) for one in some)
+    return sum(sum(x.cpu_times()[:2]) for x in some)
 
 
 @contextmanager

@@ -58,36 +58,36 @@ def measured(part: Figures) -> str:
 
 def stages(kept: Figures) -> str:
     """CPU seconds of 1000 runs by stage."""
-    found, names = kept["stages"], ("noise", "smooth", "regress", "fit", "write")
+    result, names = kept["stages"], ("noise", "smooth", "regress", "fit", "write")
     rows = [
         [method, *(f"{own[name]:.2f}" for name in names), f"{sum(own.values()):.2f}"]
-        for method, own in found.items()
+        for method, own in result.items()
         if method in ("raw", "filtered", "spline")
     ]
-    likely = found["ml"]["all"]
+    likely = result["ml"]["all"]
     rows.append(["maximum likelihood", *[""] * len(names), f"{likely:.0f}"])
     return markdown(["CPU s of 1000 runs", *names, "all"], rows)
 
 
 def spread(kept: Figures) -> str:
     """The same study by one process, two, and Dask."""
-    found = kept["spread"]
-    alone = found["places"]["serial"]["own CPU"]
+    result = kept["spread"]
+    alone = result["places"]["serial"]["own CPU"]
     lines = []
-    for name, own in found["places"].items():
-        whole = own["own CPU"] + own["CPU of workers"]
-        more = "" if name == "serial" else f"{100 * (whole / alone - 1):+.0f} %"
-        faster = "" if name == "serial" else f"{2 * alone / whole:.2f}"
+    for name, own in result["places"].items():
+        full = own["own CPU"] + own["CPU of workers"]
+        more = "" if name == "serial" else f"{100 * (full / alone - 1):+.0f} %"
+        faster = "" if name == "serial" else f"{2 * alone / full:.2f}"
         times = f"{own['seconds']:.1f}", f"{own['first']:.1f}", f"{own['load']:.1f}"
         lines.append([name, f"{own['own CPU']:.2f}", f"{own['CPU of workers']:.2f}", more, faster, *times])
     head = ["CPU s", "who asks", "workers", "more", "speed-up", "s", "first, s", "load"]
-    return markdown([f"{found['fits']} fits, {head[0]}", *head[1:]], lines)
+    return markdown([f"{result['fits']} fits, {head[0]}", *head[1:]], lines)
 
 
 def rows(kept: Figures) -> str:
     """What who asks does for each row, and the scheduler for each task."""
-    found, tiny = kept["rows"], kept["scheduler"]["tiny"]
-    each = [[f"a row of a study, {name}", f"{1000 * own['own CPU']:.0f}", ""] for name, own in found.items()
+    result, tiny = kept["rows"], kept["scheduler"]["tiny"]
+    each = [[f"a row of a study, {name}", f"{1000 * own['own CPU']:.0f}", ""] for name, own in result.items()
             if isinstance(own, Mapping)]  # fmt: skip
     each.append(["a task of Dask by itself", f"{tiny['client']}", f"{tiny['scheduler']}"])
     return markdown(["CPU, microseconds", "who asks", "scheduler"], each)
@@ -96,36 +96,36 @@ def rows(kept: Figures) -> str:
 def scheduler(kept: Figures) -> str:
     """The share of time in jobs where a real scheduler has many workers that wait."""
     lines = [
-        [f"{one['slots']}", f"{one['job']:g}", f"{one['jobs']}", f"{100 * one['share']:.0f} %", f"{one['client']:.0f}",
-         f"{one['scheduler']:.0f}"]
-        for one in kept["scheduler"]["waiting"]
+        [f"{x['slots']}", f"{x['job']:g}", f"{x['jobs']}", f"{100 * x['share']:.0f} %", f"{x['client']:.0f}",
+         f"{x['scheduler']:.0f}"]
+        for x in kept["scheduler"]["waiting"]
     ]  # fmt: skip
     return markdown(["workers", "s of a job", "jobs", "share in jobs", "client, us of a job", "scheduler"], lines)
 
 
 def works(kept: Figures) -> list[Work]:
     """The work of the table: studies of the article's arm, and a log of each of many robots."""
-    found, own = kept["stages"], kept["rows"]["Dask, 2 workers"]["own CPU"] / 1000
-    each = {name: sum(value for key, value in found[name].items() if key != "write") / 1000
+    result, own = kept["stages"], kept["rows"]["Dask, 2 workers"]["own CPU"] / 1000
+    each = {name: sum(value for key, value in result[name].items() if key != "write") / 1000
             for name in ("raw", "filtered", "spline", "ml")}  # fmt: skip
-    three = sum(each[name] for name in ("raw", "filtered", "spline")) - 2 * found["raw"]["noise"] / 1000
+    three = sum(each[name] for name in ("raw", "filtered", "spline")) - 2 * result["raw"]["noise"] / 1000
     some = [
         Work("10^6 runs, spline and least squares", 10**6, each["spline"], own),
         Work("10^6 runs, three methods each", 10**6, three, 3 * own),
         Work("10^6 runs, maximum likelihood", 10**6, each["ml"], own),
     ]
     for name, words in (("without", "without reports"), ("with reports", "each with its report")):
-        if one := kept.get("fleet", {}).get(name):
-            some.append(Work(f"10^5 robots, a log each, {words}", 10**5, one["CPU of worker"], one["own CPU"]))
+        if case := kept.get("fleet", {}).get(name):
+            some.append(Work(f"10^5 robots, a log each, {words}", 10**5, case["CPU of worker"], case["own CPU"]))
     return some
 
 
 def cost(kept: Figures) -> str:
     """What much work takes on some cores, and where more do not help."""
     lines = [
-        [one.name, f"{one.jobs * one.worker / 3600:.1f}", *(clock(one.seconds(cores)) for cores in CORES),
-         f"{one.most:.0f}"]
-        for one in works(kept)
+        [work.name, f"{work.jobs * work.worker / 3600:.1f}", *(clock(work.seconds(cores)) for cores in CORES),
+         f"{work.most:.0f}"]
+        for work in works(kept)
     ]  # fmt: skip
     head = ["", "core hours", *(f"{n} core{'s' * (n > 1)}" for n in CORES), "more cores do not help from"]
     tasks = 100 * round(MAX_BATCH_SECONDS / kept["scheduler"]["tiny"]["scheduler"] * 1e4)

@@ -37,8 +37,8 @@ def sysid(arm: ServoArm, seed: int, duration: float) -> Outcome:
         for k in (-5, -3, -2, -1, 1, 2, 3, 5)
     }
     delay = min(rough, key=lambda delay: rough[delay][1])
-    found, _ = _fit(text, t, command, q, delay, STEPS, rough[delay][0])
-    values = np.array([[found[f"{kind}_{name}"].value[0] for name in NAMES] for kind in KINDS])
+    result, _ = _fit(text, t, command, q, delay, STEPS, rough[delay][0])
+    values = np.array([[result[f"{kind}_{name}"].value[0] for name in NAMES] for kind in KINDS])
     return Outcome(values, delay, time.process_time() - start)
 
 
@@ -64,9 +64,9 @@ def _fit(text: str, t: Any, command: Any, q: Any, delay: float, steps: int, star
         parameters.update_from_vector(start.as_vector())
     residual = tool.build_residual_fn(models_sequences=[recording], n_threads=1)
     with redirect_stdout(StringIO()):
-        found, done = tool.optimize(parameters, residual, "mujoco", max_iters=steps, verbose=False, eps=DIFFERENCE)
-    errors = np.concatenate([np.ravel(part) for part in residual(done.x, found)[0]])
-    return found, float(errors @ errors)
+        result, done = tool.optimize(parameters, residual, "mujoco", max_iters=steps, verbose=False, eps=DIFFERENCE)
+    errors = np.concatenate([np.ravel(part) for part in residual(done.x, result)[0]])
+    return result, float(errors @ errors)
 
 
 def _writer(joint: str, kind: str) -> Any:

@@ -107,8 +107,8 @@ class Robot:
         kinds: list[tuple[Any, str]] = [(RotorInertia, "rotor"), (Viscous, "viscous"), (Coulomb, "coulomb")]
         terms = [kind(bodies.joints) for kind, _ in [*kinds, (Offset, "offset")]]
         model = Model((bodies, *terms))
-        inertial = [one.value for one in bodies.parameters]
-        values = [getattr(one, name) for _, name in [*kinds, (Offset, "offset")] for one in own]
+        inertial = [parameter.value for parameter in bodies.parameters]
+        values = [getattr(x, name) for _, name in [*kinds, (Offset, "offset")] for x in own]
         return model, np.array([*inertial, *values], dtype=float)
 
 
@@ -175,15 +175,15 @@ class Built:
 def urdf(links: tuple[Link, ...]) -> str:
     """Write links as URDF text."""
     parts = ['<robot name="arm"><link name="base"/>']
-    for k, one in enumerate(links, start=1):
+    for k, case in enumerate(links, start=1):
         parent = "base" if k == 1 else f"link{k - 1}"
-        x, y, z = one.moments
+        x, y, z = case.moments
         effort, speed = (300, 8) if k <= 3 else (60, 12)
         parts.append(
-            f'<link name="link{k}"><inertial><origin xyz="{_words(one.centre)}"/><mass value="{one.mass}"/>'
+            f'<link name="link{k}"><inertial><origin xyz="{_words(case.centre)}"/><mass value="{case.mass}"/>'
             f'<inertia ixx="{x}" iyy="{y}" izz="{z}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
             f'<joint name="joint{k}" type="revolute"><parent link="{parent}"/><child link="link{k}"/>'
-            f'<origin xyz="{_words(one.xyz)}" rpy="{_words(one.rpy)}"/><axis xyz="{_words(one.axis)}"/>'
+            f'<origin xyz="{_words(case.xyz)}" rpy="{_words(case.rpy)}"/><axis xyz="{_words(case.axis)}"/>'
             f'<limit lower="-3.1" upper="3.1" effort="{effort}" velocity="{speed}"/></joint>'
         )
     return "\n".join([*parts, "</robot>\n"])
@@ -214,13 +214,13 @@ def build(setup: Setup, folder: Path, estimator: str, seed: int = 0) -> Built:
     n = len(robot.links)
     paths = {role: replace(path, seed=path.seed + 100 * seed) for role, path in setup.paths(PATHS).items()}
     truths = {role: _truth(setup, robot, model, theta, path, role) for role, path in paths.items()}
-    for number, role in enumerate(one for one in paths if one != "faster"):
+    for number, role in enumerate(path for path in paths if path != "faster"):
         rng = np.random.default_rng([7, number, *[seed] * bool(seed)])
-        one = truths[role]
-        q, tau = setup.convention(one.q, one.tau)
-        size = np.sqrt(np.mean(one.tau**2, axis=0))
+        case = truths[role]
+        q, tau = setup.convention(case.q, case.tau)
+        size = np.sqrt(np.mean(case.tau**2, axis=0))
         noisy = tau + NOISE_TAU * size * rng.standard_normal(tau.shape)
-        raw = Raw(one.t, q + NOISE_Q * rng.standard_normal(q.shape), noisy)
+        raw = Raw(case.t, q + NOISE_Q * rng.standard_normal(q.shape), noisy)
         _write(setup.fault(raw, rng, role), folder / f"{role}.csv")
     nominal = tuple(replace(link, mass=link.mass * by) for link, by in zip(arm.links, errors, strict=False))
     (folder / "arm.urdf").write_text(setup.text(urdf(setup.links(nominal))))

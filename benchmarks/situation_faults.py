@@ -81,8 +81,8 @@ def swap(a: int, b: int) -> Callable[[Array, np.random.Generator], None]:
     return change
 
 
-def both(one: Fault, other: Fault) -> Fault:
-    return lambda raw, rng, role: other(one(raw, rng, role), rng, role)
+def both(fault: Fault, other: Fault) -> Fault:
+    return lambda raw, rng, role: other(fault(raw, rng, role), rng, role)
 
 
 def gains(*factors: float) -> Convention:
@@ -219,7 +219,7 @@ def no_friction(truth: Truth, robot: Robot, _role: str) -> Array:
 
 
 def _each(robot: Robot, name: str) -> Array:
-    return np.array([getattr(one, name) for one in robot.friction[: len(robot.links)]])
+    return np.array([getattr(x, name) for x in robot.friction[: len(robot.links)]])
 
 
 def spring(truth: Truth, _robot: Robot, _role: str) -> Array:
@@ -287,7 +287,7 @@ def payload(*roles: str, mass: float = 2.0) -> Effect:
 
 
 def without(name: str) -> Callable[[dict[str, Any]], dict[str, Any]]:
-    terms = [one for one in ("rotor", "viscous", "coulomb", "offset") if one != name]
+    terms = [x for x in ("rotor", "viscous", "coulomb", "offset") if x != name]
     return lambda config: config | {"model": {"file": config["model"], "terms": terms}}
 
 
@@ -310,7 +310,7 @@ def geometry(k: int, change: Callable[[Link], Link]) -> Callable[[tuple[Link, ..
 
 
 def massless(links: tuple[Link, ...]) -> tuple[Link, ...]:
-    return tuple(replace(one, mass=0.0, moments=(0.0, 0.0, 0.0)) for one in links)
+    return tuple(replace(link, mass=0.0, moments=(0.0, 0.0, 0.0)) for link in links)
 
 
 def turned_round(text: str) -> str:

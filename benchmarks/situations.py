@@ -62,56 +62,61 @@ def run(situation: Situation, estimator: str, seed: int = 0) -> Row:
 
 
 def _checked(project: Project) -> Row:
-    found: CheckResult = project.examine()
-    kept = [one for one in found.findings if one.severity is not Severity.INFO]
-    return {"check": sorted({(_kind(one.message), one.joint or "") for one in kept})}
+    result: CheckResult = project.examine()
+    kept = [finding for finding in result.findings if finding.severity is not Severity.INFO]
+    return {"check": sorted({(_kind(x.message), x.joint or "") for x in kept})}
 
 
 def _identified(project: Project, built: Built) -> Row:
-    found = project.identify()
-    verdict = judge(found)
+    result = project.identify()
+    verdict = judge(result)
     held = None if verdict.held_out is None else verdict.held_out.error
-    noted = [one for one in found.notes if one.severity is not Severity.INFO]
-    moved = [one for one in found.notes if one.severity is Severity.INFO]
+    noted = [note for note in result.notes if note.severity is not Severity.INFO]
+    moved = [note for note in result.notes if note.severity is Severity.INFO]
     return {
         "verdict": verdict.use.value,
         "reasons": sorted(
-            {_kind(one.findings[0].message if isinstance(one, ForbiddingFindings) else one) for one in verdict.reasons}
+            {
+                _kind(reason.findings[0].message if isinstance(reason, ForbiddingFindings) else reason)
+                for reason in verdict.reasons
+            }
         ),
-        "warnings": sorted({_kind(one) for one in noted}),
-        "notes": sorted({_kind(one) for one in moved}),
-        "causes": sorted({*map(_cause, [*found.findings, *found.notes]), *map(_kind, verdict.reasons)}),
+        "warnings": sorted({_kind(x) for x in noted}),
+        "notes": sorted({_kind(x) for x in moved}),
+        "causes": sorted({*map(_cause, [*result.findings, *result.notes]), *map(_kind, verdict.reasons)}),
         "first": next(iter(_named_causes(verdict)), None),
-        "settled": sorted(_settled(found)),
-        "training": _rounded(max(one.errors.relative_error for one in found.validations if one.role == "train")),
+        "settled": sorted(_settled(result)),
+        "training": _rounded(
+            max(validation.errors.relative_error for validation in result.validations if validation.role == "train")
+        ),
         "held_out": _rounded(held),
-        "faster": _rounded(_error(found, built, built.torque)),
-        "as_shown": _rounded(_error(found, built, built.seen)),
+        "faster": _rounded(_error(result, built, built.torque)),
+        "as_shown": _rounded(_error(result, built, built.seen)),
     }
 
 
 def _named_causes(verdict: Verdict) -> Iterator[str]:
     """Yield the causes that a verdict names: those that forbid a use, then what it says to set right."""
-    yield from (_cause(one.findings[0]) for one in verdict.reasons if isinstance(one, ForbiddingFindings))
-    yield from (_cause(one.finding) for one in verdict.next if isinstance(one, SetRight))
+    yield from (_cause(reason.findings[0]) for reason in verdict.reasons if isinstance(reason, ForbiddingFindings))
+    yield from (_cause(x.finding) for x in verdict.next if isinstance(x, SetRight))
 
 
-def _settled(found: Identification) -> Iterator[str]:
+def _settled(identification: Identification) -> Iterator[str]:
     """Yield the causes that an identification has set right by itself."""
-    offset, tilt, terms = (getattr(found.calibration, name) for name in ("time_offset", "base_tilt", "terms"))
+    offset, tilt, terms = (getattr(identification.calibration, name) for name in ("time_offset", "base_tilt", "terms"))
     yield from ["TimeOffset"] * bool(offset and offset.seconds)
     yield from ["TiltedBase"] * bool(tilt and (tilt.x or tilt.y))
     entered = {x.kind.split()[0] for x in (terms.trials if terms else ()) if x.outcome is TrialOutcome.ENTERED}
     yield from (effect.value for effect, kinds in TRIED_KINDS.items() if kinds & entered)
 
 
-def _error(found: Identification, built: Built, torque: np.ndarray) -> float:
+def _error(identification: Identification, built: Built, torque: np.ndarray) -> float:
     """Return the relative error (%) of the torque on the faster motion; the model may have fewer joints."""
-    n, model = len(found.model.joints), found.model
+    n, model = len(identification.model.joints), identification.model
     t, mask = np.arange(len(built.q)) / RATE, np.ones(len(built.q), dtype=bool)
     states = built.q[:, :n], built.dq[:, :n], built.ddq[:, :n]
     motion = model.remembering(Motion(t, *states, torque[:, :n], tuple(joint.name for joint in model.joints), mask))
-    said = model.torque(*states, found.estimate.value, motion.memory)
+    said = model.torque(*states, identification.estimate.value, motion.memory)
     return float(100 * np.linalg.norm(torque[:, :n] - said) / np.linalg.norm(torque[:, :n]))
 
 
@@ -192,11 +197,11 @@ def _cell(x: float | None) -> str:
 def chosen(only: Iterable[str]) -> list[Situation]:
     """Return the situations of these names (none: all), and the right robots that they are compared with."""
     names = set(only)
-    if unknown := names - {one.name for one in SITUATIONS}:
+    if unknown := names - {x.name for x in SITUATIONS}:
         raise SystemExit(f"no such situation: {', '.join(sorted(unknown))}; {', '.join(x.name for x in SITUATIONS)}")
-    bases = {CONTROL[one.setup.arm] for one in SITUATIONS if one.name in names}
+    bases = {CONTROL[x.setup.arm] for x in SITUATIONS if x.name in names}
     return sorted(
-        [one for one in SITUATIONS if not names or one.name in names | bases], key=lambda one: one.name not in bases
+        [x for x in SITUATIONS if not names or x.name in names | bases], key=lambda one: one.name not in bases
     )
 
 
@@ -215,9 +220,9 @@ def main() -> None:
     if args.table:
         return
     if args.keep:
-        for one in chosen(args.only):
-            (args.keep / one.name).mkdir(parents=True, exist_ok=True)
-            print(build(one.setup, args.keep / one.name, args.estimator[0], args.seed).config)
+        for case in chosen(args.only):
+            (args.keep / case.name).mkdir(parents=True, exist_ok=True)
+            print(build(case.setup, args.keep / case.name, args.estimator[0], args.seed).config)
         return
     done = known(args.out, args.seed)
     for situation in chosen(args.only):
@@ -231,7 +236,7 @@ def main() -> None:
                 with args.out.open("a") as file:
                     file.write(json.dumps(row) + "\n")
             print(f"{row['name']}, {estimator}: {row['verdict']}, {row['seconds']} s", flush=True)
-    names = {one.name for one in chosen(args.only)}
+    names = {x.name for x in chosen(args.only)}
     print("\n".join(table({key: row for key, row in done.items() if key[0] in names and key[1] in args.estimator})))
 
 

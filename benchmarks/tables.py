@@ -25,24 +25,24 @@ def shown(value: float | None) -> str:
     return f"{value:,.0f}" if value >= 999.5 else f"{value:.3g}" if value >= 0.001 else "less than 0.001"
 
 
-def table(one: Table, measured: Measured) -> str:
+def table(case: Table, measured: Measured) -> str:
     """A table as Markdown."""
-    rows = ["| " + " | ".join(cells(row, one, measured)) + " |" for row in one.rows]
-    return "\n".join([f"{one.title}, {one.unit}:", "", HEAD, *rows])
+    rows = ["| " + " | ".join(cells(row, case, measured)) + " |" for row in case.rows]
+    return "\n".join([f"{case.title}, {case.unit}:", "", HEAD, *rows])
 
 
 def cells(row: Row, table: Table, measured: Measured) -> list[str]:
     peer = row.figure(table, measured, row.peer)
     said = f"{row.peer} {shown(peer)}" if peer is not None else f"{row.peer} not measured" if row.peer else ""
-    found = [row.text, said]
+    result = [row.text, said]
     for way, mark in zip(("with", "without"), row.marks, strict=True):
         if way not in row.work.ways:
-            found += ["", ""]
+            result += ["", ""]
             continue
         own = row.figure(table, measured, way)
         ratio = f" ({shown(peer / own)} x)" if own and own >= 0.001 and peer and row.peer != "Python alone" else ""
-        found += [shown(own) + ratio, wanted(mark, row.met(table, measured, way))]
-    return found
+        result += [shown(own) + ratio, wanted(mark, row.met(table, measured, way))]
+    return result
 
 
 def wanted(mark: Mark | None, met: bool | None) -> str:
@@ -67,7 +67,7 @@ def summary(names: Collection[str], measured: Measured) -> str:
 
 def absent(measured: Measured) -> list[str]:
     """Why figures are missing, each reason once."""
-    every = (pair for found in measured.values() for pair in found.items())
+    every = (pair for value in measured.values() for pair in value.items())
     return sorted({f"{way}: {why}" for way, why in every if isinstance(why, str)})
 
 
@@ -82,7 +82,7 @@ def machine(facts: Mapping[str, Any]) -> str:
 
 def pictures(measured: Measured) -> dict[str, str]:
     """The plots as SVG, by their names; those of which points are missing stay as they are."""
-    found = {}
+    result = {}
     for name, plot in PLOTS.items():
         if any(work.key not in measured for _, work, _ in plot.points):
             continue
@@ -93,8 +93,8 @@ def pictures(measured: Measured) -> dict[str, str]:
                 if isinstance(figure, Mapping):
                     lines.setdefault(way, []).append((x, figure["cpu"] * plot.scale / count))
         styled = [(NAMES.get(way, way), COLOURS.get(way, PEER), points) for way, points in lines.items()]
-        found[name] = curves(plot.title, plot.x, plot.y, styled)
-    return found
+        result[name] = curves(plot.title, plot.x, plot.y, styled)
+    return result
 
 
 def speed(measured: Measured) -> str:
@@ -102,7 +102,7 @@ def speed(measured: Measured) -> str:
 
     def times(name: str, row: Row) -> str:
         peer, *own = (row.figure(TABLES[name], measured, way) for way in (row.peer, "with", "without"))
-        ratios = [shown(peer / one) if one and peer else "..." for one in own]
+        ratios = [shown(peer / x) if x and peer else "..." for x in own]
         return f"{ratios[0]} times ({ratios[1]} without the kernel)"
 
     seconds, memory = (shown(MILLION.figure(TABLES[name], measured, "with")) for name in ("commands", "peak"))
@@ -119,9 +119,7 @@ def speed(measured: Measured) -> str:
 def page(text: str, facts: Mapping[str, Any], measured: Measured) -> str:
     """The page with its tables of these figures."""
     keys = measured.keys()
-    parts = {
-        name: table(one, measured) for name, one in TABLES.items() if all(row.work.key in keys for row in one.rows)
-    }
+    parts = {name: table(x, measured) for name, x in TABLES.items() if all(row.work.key in keys for row in x.rows)}
     if all(row.work.key in keys for row in (FITPACK, CSAPS, PINOCCHIO, TX40, MILLION)):
         parts["speed"] = speed(measured)
     why = "; ".join(absent(measured))

@@ -50,15 +50,15 @@ def lags() -> None:
     t = 1e-3 * np.arange(40_000, dtype=np.float64)
     q = np.sin(np.outer(t, np.linspace(1, 6, 7))) + np.cos(np.outer(t, np.linspace(3, 1, 7)))
     q += 1e-4 * rng.standard_normal(q.shape)
-    whole = smooth(t, q, Fixed(lam=(width**4 / 1e-3).tolist()), sigma=1.0)
+    motion = smooth(t, q, Fixed(lam=(width**4 / 1e-3).tolist()), sigma=1.0)
     print("| lag | said to be left | velocity | acceleration |\n|---|---|---|---|")
     for lag in (None, 0.12, 0.08, 0.05, 0.03, 0.01, 0.002):
         stream = FixedLag([f"joint{k}" for k in range(7)], StreamSmoothing(1e-3, width), lag, window=16)
-        found = [one.motion for one in stream.push(t, q, q)]
-        rows, cells = slice(200, sum(map(len, found))), []
+        result = [x.motion for x in stream.push(t, q, q)]
+        rows, cells = slice(200, sum(map(len, result))), []
         for name, order in (("dq", 1), ("ddq", 2)):
-            exact = whole.derivative(order)
-            off = np.concatenate([getattr(one, name) for one in found])[rows] - exact[rows]
+            exact = motion.derivative(order)
+            off = np.concatenate([getattr(x, name) for x in result])[rows] - exact[rows]
             cells.append(float((np.sqrt((off**2).mean(axis=0)) / exact.std(axis=0)).max()))
         print(
             f"| {1e3 * stream.lag:.0f} ms | {stream.remaining_error.max():.1e} | {cells[0]:.1e} | {cells[1]:.1e} |",
@@ -68,11 +68,11 @@ def lags() -> None:
 
 def truth(model: Model, t: float) -> Array:
     """The parameters (p) at a time."""
-    theta = np.array([0.5 if one.value is None else one.value for one in model.parameters])
-    rubs = [one.role in ("viscous", "coulomb") for one in model.parameters]
+    theta = np.array([0.5 if parameter.value is None else parameter.value for parameter in model.parameters])
+    rubs = [parameter.role in ("viscous", "coulomb") for parameter in model.parameters]
     theta[rubs] *= 1.0 - 0.4 * (1.0 - math.exp(-t / WARM))
     if PICKED <= t < PUT:
-        last = [k for k, one in enumerate(model.parameters) if one.body][-10:]
+        last = [k for k, x in enumerate(model.parameters) if x.body][-10:]
         m, (x, y, z) = PAYLOAD
         theta[last] += m * np.array([1, x, y, z, y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y])
     return theta
@@ -98,19 +98,19 @@ def memories() -> None:
     log = recorded(model)
     recipe = Recipe(Spline(sigma=SIGMA), LeastSquares(weights="per_joint"), outliers="keep", rests="keep")
     result = identify(model, {"cold": log.window(0.0, 60.0)}, (), recipe)
-    known = estimate_smoothing(result, log.window(0.0, 30.0))
+    smoothing = estimate_smoothing(result, log.window(0.0, 30.0))
     other = model.random_states(np.random.default_rng(5), 500)
     print(f"\n| memory | {' | '.join(HEAD)} |\n|---|{'---|' * len(HEAD)}")
     for name, memory in MEMORIES.items():
-        tracker, found, begin = Tracker(result, known, lag=0.3, memory=memory, window=16), [], 0
+        tracker, actual, begin = Tracker(result, smoothing, lag=0.3, memory=memory, window=16), [], 0
         for at in SEEN:
             stop = int(np.searchsorted(log.t, at))
             tracker.push(log.t[begin:stop], log.q[begin:stop], log.tau[begin:stop])
             begin, theta = stop, truth(model, at)
             expected = model.torque(**other, theta=theta)
             off = model.torque(**other, theta=tracker.estimate().value) - expected
-            found.append(100 * float(np.linalg.norm(off) / np.linalg.norm(expected)))
-        print(f"| {name} | {' | '.join(f'{one:.2g}' for one in found)} |", flush=True)
+            actual.append(100 * float(np.linalg.norm(off) / np.linalg.norm(expected)))
+        print(f"| {name} | {' | '.join(f'{x:.2g}' for x in actual)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ def recording(model: Model, samples: int, seed: int) -> Log:
     size = rng.uniform(0.1, 0.4, (SINES, n))
     s, c = (turn(w * t[:, None, None] + phase) for turn in (np.sin, np.cos))
     q, dq, ddq = (size * s).sum(axis=1), (size * w * c).sum(axis=1), -(size * w**2 * s).sum(axis=1)
-    theta = np.array([one.value for one in model.parameters], dtype=float)
+    theta = np.array([parameter.value for parameter in model.parameters], dtype=float)
     tau = model.torque(q, dq, ddq, theta) + TORQUE * rng.standard_normal(q.shape)
     names = tuple(joint.name for joint in model.joints)
     return Log(t, q + ENCODER * rng.standard_normal(q.shape), tau, names, f"log {seed}")
@@ -62,8 +62,8 @@ def bench(samples: int, train: int, estimator: Estimator) -> Bench:
         "train": {log.source: log for log in logs[:train]},
         "validation": {log.source: log for log in logs[train:]},
     }
-    found = identify(model, roles["train"], roles["validation"], Recipe(Spline(factor=2.0), estimator))
-    return Bench.of(model, roles, found)
+    result = identify(model, roles["train"], roles["validation"], Recipe(Spline(factor=2.0), estimator))
+    return Bench.of(model, roles, result)
 
 
 def times(on: Bench, runs: int) -> dict[str, float]:
@@ -75,12 +75,12 @@ def times(on: Bench, runs: int) -> dict[str, float]:
 
     def of(answer: Callable[[Tuning], object], changed: Callable[[int], Tuning], count: int = runs) -> float:
         """Return the median time of an answer to settings of a number, which it has not seen."""
-        found = []
+        result = []
         for k in range(1, count + 1):
             tuning, begun = changed(k), process_time()
             answer(tuning)
-            found.append(1e3 * (process_time() - begun))
-        return median(found)
+            result.append(1e3 * (process_time() - begun))
+        return median(result)
 
     def seen(tuning: Tuning) -> object:
         return on.smooth(tuning, first, joint)
@@ -120,11 +120,11 @@ def main() -> None:
     parser.add_argument("--train", type=int, default=2, choices=(1, 2))
     parser.add_argument("--runs", type=int, default=7)
     given = parser.parse_args()
-    found = {name: times(bench(given.samples, given.train, one), given.runs) for name, one in ESTIMATORS.items()}
-    print(f"| ms | {' | '.join(found)} |")
-    print("|---|" + "---:|" * len(found))
-    for row in next(iter(found.values())):
-        print(f"| {row} | {' | '.join(f'{one[row]:.0f}' for one in found.values())} |")
+    result = {name: times(bench(given.samples, given.train, x), given.runs) for name, x in ESTIMATORS.items()}
+    print(f"| ms | {' | '.join(result)} |")
+    print("|---|" + "---:|" * len(result))
+    for row in next(iter(result.values())):
+        print(f"| {row} | {' | '.join(f'{value[row]:.0f}' for value in result.values())} |")
 
 
 if __name__ == "__main__":

@@ -110,9 +110,9 @@ class Arm:
         s, ds, dds = _paced(t)
         angle = self.omega * s[:, None, None] + self.phase
         q = (self.size * np.cos(angle)).sum(axis=1)
-        one = -(self.size * self.omega * np.sin(angle)).sum(axis=1)
+        case = -(self.size * self.omega * np.sin(angle)).sum(axis=1)
         two = -(self.size * self.omega**2 * np.cos(angle)).sum(axis=1)
-        return q, one * ds[:, None], two * ds[:, None] ** 2 + one * dds[:, None]
+        return q, case * ds[:, None], two * ds[:, None] ** 2 + case * dds[:, None]
 
     def samples(self, hours: float) -> Iterator[tuple[Array, Array, Array]]:
         """Yield t (N), q and tau (N, 6)."""
@@ -120,14 +120,14 @@ class Arm:
         for k in range(round(hours * 3600 / CHUNK)):
             t = (k * rows + np.arange(rows)) / RATE
             q = ENCODER_STEP * np.round(self.course(t)[0] / ENCODER_STEP)
-            for one in self.happenings:
-                if one.dead:
-                    self._die(one, t, q)
+            for happening in self.happenings:
+                if happening.dead:
+                    self._die(happening, t, q)
             yield t, q, self.torque(t)
 
-    def _die(self, one: Happening, t: Array, q: Array) -> None:
-        j = NAMES.index(one.dead)
-        gone = (t >= one.start) & (t < one.stop)
+    def _die(self, happening: Happening, t: Array, q: Array) -> None:
+        j = NAMES.index(happening.dead)
+        gone = (t >= happening.start) & (t < happening.stop)
         if gone.any():
             self.held[j] = q[np.argmax(gone), j] if np.isnan(self.held[j]) else self.held[j]
             q[gone, j] = self.held[j]
@@ -136,9 +136,9 @@ class Arm:
         """Return the torque as it is logged, late and with noise."""
         state = self.course(t + TIME_OFFSET)
         theta = self.theta.copy()
-        for one in self.happenings:
-            share = one.share(float(t[0]))
-            for name, value in one.of.items():
+        for happening in self.happenings:
+            share = happening.share(float(t[0]))
+            for name, value in happening.of.items():
                 theta[self.model.names.index(name)] += share * value
         rubs = LOADED * np.abs(self.model.torque(*state, theta=self.bodies)) * np.tanh(state[1] / 0.02)
         white = self.rng.standard_normal(state[0].shape) * np.sqrt(1 - COLOUR**2)
@@ -173,33 +173,33 @@ def identified(folder: Path) -> Identification:
     return read_project(config).identify()
 
 
-def watched(found: Identification, arm: Arm, settings: WatchSettings, hours: float) -> list[Event]:
+def watched(identification: Identification, arm: Arm, settings: WatchSettings, hours: float) -> list[Event]:
     """Return all that is said of a run."""
-    watcher, events = Watcher(found, np.random.default_rng(0), settings), list[Event]()
+    watcher, events = Watcher(identification, np.random.default_rng(0), settings), list[Event]()
     for t, q, tau in arm.samples(hours):
         events += watcher.push(t, q, tau)
     return events
 
 
-def said(events: Sequence[Event], one: Happening) -> tuple[float, ...]:
+def said(events: Sequence[Event], happening: Happening) -> tuple[float, ...]:
     """Return when a happening was said first at its start, and at its end where it has one; nan where it was not."""
-    found = [event.time for event in events if says(event, one)]
-    ends = [one.start] if one.slow or one.stop > 3600 * HOURS else [one.start, one.stop]
-    return tuple(min((t - end for t in found if t >= end), default=np.nan) for end in ends)
+    result = [event.time for event in events if says(event, happening)]
+    ends = [happening.start] if happening.slow or happening.stop > 3600 * HOURS else [happening.start, happening.stop]
+    return tuple(min((t - end for t in result if t >= end), default=np.nan) for end in ends)
 
 
-def says(event: Event, one: Happening) -> bool:
+def says(event: Event, happening: Happening) -> bool:
     """Return whether an event says what happened, or of a dead encoder also that it works again."""
-    if one.dead:
-        return isinstance(event, Fault | Back) and (event.signal, event.joint) == (Signal.POSITION, one.dead)
-    return isinstance(event, Alarm | Changed | Passed) and (event.kind, event.joint) == one.sign
+    if happening.dead:
+        return isinstance(event, Fault | Back) and (event.signal, event.joint) == (Signal.POSITION, happening.dead)
+    return isinstance(event, Alarm | Changed | Passed) and (event.kind, event.joint) == happening.sign
 
 
 def explained(event: Event, happenings: Sequence[Happening]) -> bool:
     """Return whether what an event says is true."""
     if not isinstance(event, Alarm | Changed | Passed | Fault | Unsteady | NewMotion):
         return True
-    return any(says(event, one) and event.time >= one.start for one in happenings)
+    return any(says(event, happening) and event.time >= happening.start for happening in happenings)
 
 
 def main() -> None:
@@ -213,25 +213,25 @@ def main() -> None:
         write(given.csv, given.hours)
         return
     with TemporaryDirectory() as folder:
-        found = identified(Path(folder))
+        identification = identified(Path(folder))
     settings = WatchSettings()
     began, false, lates = time.perf_counter(), 0, list[list[tuple[float, ...]]]()
     for seed in range(given.runs):
-        events = watched(found, Arm(seed, HAPPENINGS), settings, given.hours)
-        lates.append([said(events, one) for one in HAPPENINGS])
+        events = watched(identification, Arm(seed, HAPPENINGS), settings, given.hours)
+        lates.append([said(events, x) for x in HAPPENINGS])
         wrong = [event for event in events if not explained(event, HAPPENINGS)]
         false += sum(isinstance(event, Alarm) for event in wrong)
         for event in events if seed == 0 else wrong:
             print(f"run {seed}  {event_line(event, NAMES).text}", flush=True)
-    for k, one in enumerate(HAPPENINGS if lates else ()):
+    for k, case in enumerate(HAPPENINGS if lates else ()):
         for end in range(len(lates[0][k])):
-            late = np.array([run[k][end] for run in lates])
+            delayed = np.array([run[k][end] for run in lates])
             where = "" if len(lates[0][k]) == 1 else (", at its start", ", at its end")[end]
-            print(f"{one.name}{where}: said after {np.nanmedian(late):.1f} s ({np.nanmin(late):.1f} to "
-                  f"{np.nanmax(late):.1f}), in {np.isfinite(late).sum()} of {len(late)} runs")  # fmt: skip
+            print(f"{case.name}{where}: said after {np.nanmedian(delayed):.1f} s ({np.nanmin(delayed):.1f} to "
+                  f"{np.nanmax(delayed):.1f}), in {np.isfinite(delayed).sum()} of {len(delayed)} runs")  # fmt: skip
     quiet = 0
     for seed in range(given.quiet):
-        events = watched(found, Arm(1000 + seed, ()), settings, given.hours)
+        events = watched(identification, Arm(1000 + seed, ()), settings, given.hours)
         wrong = [event for event in events if not explained(event, ())]
         quiet += sum(isinstance(event, Alarm) for event in wrong)
         for event in wrong:

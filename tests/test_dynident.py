@@ -23,9 +23,9 @@ MADE = {"Estimate", "Identification", "Motion", "errors"}  # by other calls: the
 def seen_by_type_checkers() -> dict[str, str]:
     """The names of the block that only type checkers run, with their modules."""
     (block,) = (node for node in ast.parse(SOURCE.read_text(encoding="utf-8")).body if isinstance(node, ast.If))
-    found = [node for node in block.body if isinstance(node, ast.ImportFrom)]
-    assert len(found) == len(block.body)
-    return {str(name.asname): str(node.module) for node in found for name in node.names}
+    result = [node for node in block.body if isinstance(node, ast.ImportFrom)]
+    assert len(result) == len(block.body)
+    return {str(name.asname): str(node.module) for node in result for name in node.names}
 
 
 def test_the_table_and_the_type_block_agree() -> None:
@@ -36,10 +36,10 @@ def test_the_table_and_the_type_block_agree() -> None:
 @pytest.mark.parametrize("name", dy.__all__)
 def test_each_name_is_that_of_its_module(name: str) -> None:
     module = dy._MODULES[name]
-    found = import_module("dynident.runtime") if name == "errors" else getattr(import_module(module), name)
-    assert getattr(dy, name) is found
+    result = import_module("dynident.runtime") if name == "errors" else getattr(import_module(module), name)
+    assert getattr(dy, name) is result
     assert name in dir(dy)
-    assert name in MADE or ">>> " in (found.__doc__ or "")
+    assert name in MADE or ">>> " in (result.__doc__ or "")
 
 
 def test_no_name_is_that_of_a_package() -> None:
@@ -93,7 +93,7 @@ def test_the_block_of_the_readme_runs_on_such_files(tmp_path: Path, monkeypatch:
         )
     )
     robot, t, rng = dy.read_robot(file), np.arange(3001) * 0.004, np.random.default_rng(0)
-    truth = [0.2 if one.value is None else one.value for one in robot.parameters]
+    truth = [0.2 if parameter.value is None else parameter.value for parameter in robot.parameters]
     for name, rate in (("monday", 1.0), ("tuesday", 1.2), ("wednesday", 0.9)):
         w = rate * np.array([1.3, 2.1])
         phase = np.multiply.outer(t, w)

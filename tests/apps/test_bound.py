@@ -21,18 +21,18 @@ def found() -> AccuracyBound:
 
 def situations() -> Iterator[tuple[str, AccuracyBound]]:
     """Yield bounds that are limited by one thing or another, with what it is."""
-    one = found()
-    now, noise = one.std["now"], replace(one.noise, torques=Origin(Measure.RESIDUAL))
-    weak = {name: value * np.array([1.0, 1e3]) for name, value in one.std.items()}
-    yield "position noise", replace(one, std={**one.std, "bit": now / 2**0.9})
-    yield "torque noise", replace(one, std={**one.std, "bit": now / 2**0.1})
-    yield "the motion", replace(one, conditional_std=now / 8)
-    yield "nothing is excited", replace(one, std={name: np.full_like(value, np.inf) for name, value in weak.items()})
-    yield "of one parameter torque noise", replace(one, std=weak, conditional_std=weak["now"])
-    yield "of one parameter the motion", replace(one, std=weak, conditional_std=weak["now"] / 8)
+    case = found()
+    now, noise = case.std["now"], replace(case.noise, torques=Origin(Measure.RESIDUAL))
+    weak = {name: value * np.array([1.0, 1e3]) for name, value in case.std.items()}
+    yield "position noise", replace(case, std={**case.std, "bit": now / 2**0.9})
+    yield "torque noise", replace(case, std={**case.std, "bit": now / 2**0.1})
+    yield "the motion", replace(case, conditional_std=now / 8)
+    yield "nothing is excited", replace(case, std={name: np.full_like(value, np.inf) for name, value in weak.items()})
+    yield "of one parameter torque noise", replace(case, std=weak, conditional_std=weak["now"])
+    yield "of one parameter the motion", replace(case, std=weak, conditional_std=weak["now"] / 8)
     for factor in (1.0, 10.0, 1e4):
         sensor = replace(noise, sensor=noise.tau / factor)
-        yield f"a residual of {factor} times the sensor noise", replace(one, noise=sensor)
+        yield f"a residual of {factor} times the sensor noise", replace(case, noise=sensor)
 
 
 def test_what_limits_is_said_in_the_same_words_and_bars() -> None:

@@ -77,10 +77,10 @@ class Browsing:
         from axe_playwright_python.sync_playwright import Axe
 
         options = {"resultTypes": ["violations"], "rules": {k: {"enabled": v} for k, v in (rules or {}).items()}}
-        found = Axe().run(page, {"exclude": [[".plot > *"]]}, options).response["violations"]
+        outcome = Axe().run(page, {"exclude": [[".plot > *"]]}, options).response["violations"]
         return [
-            f"{one['id']}: {one['help']} -- {node['html'][:160]} ({node['failureSummary'][:200]})"
-            for one in found
-            if one["impact"] in GRAVE
-            for node in one["nodes"][:5]
+            f"{x['id']}: {x['help']} -- {node['html'][:160]} ({node['failureSummary'][:200]})"
+            for x in outcome
+            if x["impact"] in GRAVE
+            for node in x["nodes"][:5]
         ]

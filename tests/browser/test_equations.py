@@ -19,15 +19,15 @@ def test_equations_wrap_and_are_typeset(browse: Browsing, tmp_path: Path) -> Non
     model = Model(TERMS)
     value = np.linspace(-1.2345, 2.3456, len(model.names))
     estimate = SimpleNamespace(names=model.names, value=value, provenance=())
-    found = SimpleNamespace(model=model, estimate=estimate, errors=SimpleNamespace(std=np.ones(len(value))))
+    result = SimpleNamespace(model=model, estimate=estimate, errors=SimpleNamespace(std=np.ones(len(value))))
     path = tmp_path / "model.html"
-    path.write_text(render("Title", "Lead", list(model_section(found))), encoding="utf-8")  # type: ignore[arg-type]
+    path.write_text(render("Title", "Lead", list(model_section(result))), encoding="utf-8")  # type: ignore[arg-type]
     page = browse(path, width=400, color_scheme="dark")
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
     boxes = page.evaluate("[...document.querySelectorAll('.equations math')].map(one => one.getBoundingClientRect())")
     assert len(boxes) > 20
-    assert all(0 < one["width"] < 360 and one["right"] <= 400 for one in boxes)
-    assert len({round(one["y"]) for one in boxes}) > 8, "lines end between summands"
+    assert all(0 < box["width"] < 360 and box["right"] <= 400 for box in boxes)
+    assert len({round(box["y"]) for box in boxes}) > 8, "lines end between summands"
     dots = page.evaluate("document.querySelector('mover').getBoundingClientRect().height")
     assert dots > 0
     assert browse.barriers(page) == []

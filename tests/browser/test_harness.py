@@ -32,8 +32,8 @@ def test_complaints_are_noted(browse: Browsing, tmp_path: Path) -> None:
     page = browse(path)
     page.wait_for_function("performance.now() > 200")
     heard, browse.complaints[:] = sorted(browse.complaints), []
-    assert [one.split(":")[0] for one in heard] == ["console", "console", "exception", "request"]
+    assert [x.split(":")[0] for x in heard] == ["console", "console", "exception", "request"]
     assert "console: wrong" in heard
     assert heard[2] == "exception: nothing is not defined"
     assert heard[3] == "request: https://example.org/x"
-    assert [one.split(":")[0] for one in browse.barriers(page)] == ["image-alt"]
+    assert [barrier.split(":")[0] for barrier in browse.barriers(page)] == ["image-alt"]

@@ -51,16 +51,16 @@ def shown(page: Page) -> float:
 def vertices(page: Page, *traces: int) -> list[np.ndarray]:
     """What the view draws of bodies, once it has come to rest."""
     page.wait_for_timeout(300)
-    found = page.evaluate(
+    result = page.evaluate(
         f"(traces) => traces.map((k) => ['x', 'y', 'z'].map((axis) => [...{HAND}._fullData[k][axis]]))", traces
     )
-    return [np.array(one).T for one in found]
+    return [np.array(x).T for x in result]
 
 
 def at(t: float, log: int) -> tuple[np.ndarray, np.ndarray]:
     """Where the hand is at a time of a log, by the robot itself."""
     motion = identified(PhysicallyConsistent()).validations[log].motion
-    q = np.array([[np.interp(t, motion.t, one) for one in motion.q.T]])
+    q = np.array([[np.interp(t, motion.t, x) for x in motion.q.T]])
     placed = tree().placements(q)
     return placed.rotations[0, 2], placed.origins[0, 2]
 
@@ -109,7 +109,7 @@ def test_the_arm_the_slider_and_the_torques_move_together(browse: Browsing, repo
     play.click()
     inertia.click()
     assert hidden(page) == 0
-    found, *links = vertices(page, 4, 0, 1, 2, 3)
-    assert np.linalg.norm(found.mean(axis=0) - np.concatenate(links).mean(axis=0)) < 0.5
+    result, *links = vertices(page, 4, 0, 1, 2, 3)
+    assert np.linalg.norm(result.mean(axis=0) - np.concatenate(links).mean(axis=0)) < 0.5
     inertia.click()
     assert hidden(page) == 4

@@ -14,7 +14,7 @@ SORTED = ("-40", "-1.5e-3", "1.2e-5", "≤ 2.8", "12", "∞", "-")
 def table() -> PageTable:
     heads = (Column("joint", numeric=False), Column("error", "all"), *(Column(f"value {k}", "more") for k in range(9)))
     names = (LONG, "=joint_9", *(f"joint_{k}" for k in range(8, 3, -1)))
-    return PageTable(heads, tuple((name, one, *"123456789") for name, one in zip(names, VALUES, strict=True)), "errors")
+    return PageTable(heads, tuple((name, x, *"123456789") for name, x in zip(names, VALUES, strict=True)), "errors")
 
 
 def test_tables_are_sorted_by_value_and_copied_whole_and_figures_are_saved_on_white(

@@ -42,7 +42,7 @@ def recorded(path: Path, seed: int) -> None:
     """Write a recording of the arm with its noise."""
     bodies = RigidBodies(path.with_name("arm.urdf").read_text())
     model = Model((bodies, Viscous(bodies.joints), Coulomb(bodies.joints)))
-    theta = np.array([0.4 if one.value is None else one.value for one in model.parameters])
+    theta = np.array([0.4 if parameter.value is None else parameter.value for parameter in model.parameters])
     log = recording(seed, 6.0, model=model, theta=theta)
     columns = dict(zip("qpuw", (*log.q.T, *log.tau.T), strict=True))
     np.savez(path, t=log.t, temperature=20 + 0.1 * log.t, **columns)
@@ -81,8 +81,8 @@ def served(path: Path) -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def address(folder: Path) -> Iterator[str]:
-    with served(folder / "arm.yaml") as one:
-        yield one
+    with served(folder / "arm.yaml") as case:
+        yield case
 
 
 def identified(page: Page) -> None:

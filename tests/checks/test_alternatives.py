@@ -51,10 +51,10 @@ def test_a_right_log_has_none() -> None:
 
 @pytest.mark.parametrize("channel", AffectedColumns)
 def test_columns_of_two_joints_that_are_exchanged(channel: AffectedColumns) -> None:
-    (one,) = found(changed(channel, lambda x: x[:, ORDER]))
-    assert isinstance(one.message, JointsSwapped)
-    assert (one.message.joints, one.message.channel) == (("j2", "j3"), channel)
-    assert one.message.after < 0.5 * one.message.before
+    (entry,) = found(changed(channel, lambda x: x[:, ORDER]))
+    assert isinstance(entry.message, JointsSwapped)
+    assert (entry.message.joints, entry.message.channel) == (("j2", "j3"), channel)
+    assert entry.message.after < 0.5 * entry.message.before
 
 
 @pytest.mark.parametrize("channel", AffectedColumns)
@@ -70,16 +70,16 @@ def test_columns_of_all_joints_that_are_one_place_off(channel: AffectedColumns, 
 )
 def test_a_column_that_is_reversed(channel: AffectedColumns, joint: int) -> None:
     sign = np.where(np.arange(3) == joint, -1.0, 1.0)
-    (one,) = found(changed(channel, lambda x: sign * x))
-    assert isinstance(one.message, ColumnReversed)
-    assert (one.joint, one.message.channel) == (f"j{joint + 1}", channel)
+    (entry,) = found(changed(channel, lambda x: sign * x))
+    assert isinstance(entry.message, ColumnReversed)
+    assert (entry.joint, entry.message.channel) == (f"j{joint + 1}", channel)
 
 
 def test_an_axis_that_is_another() -> None:
-    (one,) = found(model=arm(text(axis=(1, 0, 0))))
-    assert isinstance(one.message, OtherAxis)
-    assert (one.joint, one.message.given) == ("j3", (1, 0, 0))
-    assert np.abs(one.message.fitted).tolist() == [0, 1, 0]
+    (entry,) = found(model=arm(text(axis=(1, 0, 0))))
+    assert isinstance(entry.message, OtherAxis)
+    assert (entry.joint, entry.message.given) == ("j3", (1, 0, 0))
+    assert np.abs(entry.message.fitted).tolist() == [0, 1, 0]
 
 
 @pytest.mark.parametrize("quarters", [1, -1, 2])
@@ -126,9 +126,9 @@ def test_gravity_that_is_another_whatever_the_inertias_of_the_file() -> None:
     gravity = (9.81, 0.0, 0.0)
     hung = Model((RigidBodies(text(), gravity=gravity), *arm().terms[1:]))
     light = arm(re.sub(r'mass value="[^"]*"', 'mass value="0.001"', text()))
-    (one,) = found(motion(model=hung, theta=truth(hung)), light)
-    assert isinstance(one.message, file_notes.OtherGravity)
-    np.testing.assert_allclose(one.message.fitted, np.round(gravity, 1))
+    (entry,) = found(motion(model=hung, theta=truth(hung)), light)
+    assert isinstance(entry.message, file_notes.OtherGravity)
+    np.testing.assert_allclose(entry.message.fitted, np.round(gravity, 1))
 
 
 def test_the_normal_equations_tell_the_error_of_every_alternative(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -138,14 +138,14 @@ def test_the_normal_equations_tell_the_error_of_every_alternative(monkeypatch: p
     """
     given, calls, regressor = case(samples=100), [], Model.regressor
     tried = list(_alternatives(given))
-    for one in tried:
-        exact, least = _relative_error(one.case), _NormalEquations(one.case).error(one.case.tau)
+    for entry in tried:
+        exact, least = _relative_error(entry.case), _NormalEquations(entry.case).error(entry.case.tau)
         assert 0.5 * exact < least < 1.001 * exact
     monkeypatch.setattr(Model, "regressor", lambda self, **states: calls.append(1) or regressor(self, **states))
     assert list(_plausible_alternatives(given, tried, np.inf)) == tried
-    regressors = {(id(one.case.q), id(one.case.model), id(one.case.extra)) for one in tried}
+    regressors = {(id(x.case.q), id(x.case.model), id(x.case.extra)) for x in tried}
     assert len(calls) == len(regressors) < 0.8 * len(tried)
-    notes = [one.note(2.0, 1.0) for one in tried]
+    notes = [x.note(2.0, 1.0) for x in tried]
     fitted = [note.fitted for note in notes if isinstance(note, file_notes.OtherGravity)]
     assert (0.0, 0.0, 9.8) in fitted
     assert "-0.0" not in str(fitted)
@@ -153,7 +153,9 @@ def test_the_normal_equations_tell_the_error_of_every_alternative(monkeypatch: p
 
 def test_of_many_joints_only_neighbours_are_exchanged(monkeypatch: pytest.MonkeyPatch) -> None:
     def exchanged() -> int:
-        return sum(isinstance(one.note(2.0, 1.0), JointsSwapped) for one in _alternatives(case(samples=50)))
+        return sum(
+            isinstance(_alternative.note(2.0, 1.0), JointsSwapped) for _alternative in _alternatives(case(samples=50))
+        )
 
     assert exchanged() == (3 + 2) * len(AffectedColumns)  # pairs, and all by one place
     monkeypatch.setattr("dynident.checks.alternatives.MAX_JOINTS_ALL_PAIRS", 2)

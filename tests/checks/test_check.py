@@ -43,8 +43,8 @@ def sound():
     return run_checks(SLIDER, {"train": {"one": ONE}, "validation": {"two": TWO}})
 
 
-def topics(found) -> list[str]:
-    return [finding.topic for finding in found.findings]
+def topics(result) -> list[str]:
+    return [finding.topic for finding in result.findings]
 
 
 def test_a_sound_log_gives_facts_and_no_findings(sound) -> None:
@@ -52,15 +52,19 @@ def test_a_sound_log_gives_facts_and_no_findings(sound) -> None:
     assert not sound.has_errors
     assert sound.timings.keys() == sound.channels.keys() == {"one", "two"}
     assert sound.rank is not None
-    assert [one.joint for one in sound.excitations] == [one.joint for one in sound.agreements] == [NAME]
+    assert (
+        [excitation.joint for excitation in sound.excitations]
+        == [agreement.joint for agreement in sound.agreements]
+        == [NAME]
+    )
 
 
 @pytest.mark.parametrize(("outliers", "left_out"), [("mask", (1, 2)), ("keep", (0, 0))])
 def test_the_facts_of_a_channel_leave_out_what_the_fit_does(outliers: Literal["mask", "keep"], left_out, sound) -> None:
     q, tau = ONE.q.copy(), ONE.tau.copy()
     q[500], tau[[250, 1000]] = 3.0, 900.0
-    found = run_checks(SLIDER, {"train": {"one": replace(ONE, q=q, tau=tau)}}, Recipe(outliers=outliers))
-    (fact,), (expected,) = found.channels["one"], sound.channels["one"]
+    findings = run_checks(SLIDER, {"train": {"one": replace(ONE, q=q, tau=tau)}}, Recipe(outliers=outliers))
+    (fact,), (expected,) = findings.channels["one"], sound.channels["one"]
     assert (fact.left_out, fact.torque_left_out) == left_out
     assert (fact.rms < 1.01 * expected.rms) == (fact.noise < 2 * expected.noise) == (outliers == "mask")
 
@@ -69,16 +73,16 @@ def test_a_log_with_an_error_is_left_out_of_the_motion_and_joints_are_matched_by
     torn = replace(ONE, t=T + np.where(np.arange(len(T)) > 500, 3.0, 0.0))
     more = Log(T, np.hstack([np.zeros_like(ONE.q), ONE.q]), np.hstack([ONE.tau * 0, ONE.tau]), ("other", NAME))
     both = run_checks(SLIDER, {"train": {"good": more, "torn": torn}})
-    assert [(one.topic, one.source) for one in both.findings] == [("gap", "torn")]
+    assert [(finding.topic, finding.source) for finding in both.findings] == [("gap", "torn")]
     assert both.has_errors
     assert both.excitations == sound.excitations
     assert run_checks(SLIDER, {"train": {"torn": torn}}).excitations == ()
 
 
 def test_a_stage_that_fails_is_a_finding() -> None:
-    found = run_checks(SLIDER, {"train": {"one": ONE}}, Recipe(smoother=Butterworth(cutoffs=(1e4, 1e4, 1e4))))
-    assert topics(found) == ["motion"]
-    assert found.has_errors
+    findings = run_checks(SLIDER, {"train": {"one": ONE}}, Recipe(smoother=Butterworth(cutoffs=(1e4, 1e4, 1e4))))
+    assert topics(findings) == ["motion"]
+    assert findings.has_errors
 
 
 @pytest.mark.parametrize(("usable", "time_offset"), [(0, 0.0), (1, "estimate"), (4, 0.0), (4, "estimate")])
@@ -94,11 +98,11 @@ def test_motions_of_few_usable_samples_are_an_error_that_is_found(
             return replace(motion, mask=few) if log.source == "one" else motion
 
     recipe = Recipe(FewSamples(), time_offset=time_offset)
-    found = run_checks(SLIDER, {"train": {"one": ONE}, "validation": {"two": TWO}}, recipe)
-    (error,) = (one for one in found.findings if one.severity is Severity.ERROR)
+    findings = run_checks(SLIDER, {"train": {"one": ONE}, "validation": {"two": TWO}}, recipe)
+    (error,) = (finding for finding in findings.findings if finding.severity is Severity.ERROR)
     assert str(error.message).startswith("one: ")
     assert "too few for 4 parameters" in str(error.message)
-    assert found.channels.keys() == {"one", "two"}
+    assert findings.channels.keys() == {"one", "two"}
     assert not run_checks(SLIDER, {"train": {"one": ONE, "two": TWO}}, recipe).has_errors
 
 
@@ -109,7 +113,7 @@ def test_a_log_that_is_too_short_is_said_and_no_more(count: int) -> None:
 
 def test_the_most_severe_come_first() -> None:
     given = [Finding(Remark(severity), severity=severity) for severity in reversed(Severity)]
-    assert [one.severity for one in run_checks(SLIDER, {}, initial_findings=given).findings] == list(Severity)
+    assert [finding.severity for finding in run_checks(SLIDER, {}, initial_findings=given).findings] == list(Severity)
 
 
 @dataclass(frozen=True)
@@ -133,10 +137,10 @@ class Mine(Term):
 def test_another_gravity_in_the_file_of_any_term_is_said() -> None:
     moon = RigidBodies(ARM_MJCF.replace("<default>", '<option gravity="0 0 -1.62"/><default>', 1))
     for term in (moon, Mine(moon)):
-        found = run_checks(Model((term,)), {})
-        (gravity,) = (one.message for one in found.findings if one.topic == "gravity")
+        findings = run_checks(Model((term,)), {})
+        (gravity,) = (finding.message for finding in findings.findings if finding.topic == "gravity")
         assert gravity == file_notes.GravityIgnored((0.0, 0.0, -1.62), (0.0, 0.0, -9.81))
-        assert len(found.links) > 0
+        assert len(findings.links) > 0
     assert "gravity" not in topics(run_checks(Model((RigidBodies(ARM_MJCF),)), {}))
 
 
@@ -154,15 +158,15 @@ class Counted(Smoother):
 def test_beside_an_identification_nothing_is_smoothed_again() -> None:
     smoother = Counted()
     recipe = Recipe(smoother)
-    one, two = (replace(x, tau=-x.tau) for x in (ONE, TWO))
-    logs = {"train": {"one": one}, "validation": {"two": two}}
-    found = identify(SLIDER, logs["train"], logs["validation"], recipe)
+    case, two = (replace(x, tau=-x.tau) for x in (ONE, TWO))
+    logs = {"train": {"one": case}, "validation": {"two": two}}
+    result = identify(SLIDER, logs["train"], logs["validation"], recipe)
     before = smoother.count
-    both = with_findings(found, SLIDER, logs, recipe)
+    both = with_findings(result, SLIDER, logs, recipe)
     assert smoother.count == before
     assert [type(finding.message) for finding in both.findings] == [file_notes.ReversedSign]
     assert both.findings == run_checks(SLIDER, logs, recipe).findings
-    assert both.notes == found.warnings
+    assert both.notes == result.warnings
 
 
 @pytest.mark.parametrize(
@@ -171,10 +175,10 @@ def test_beside_an_identification_nothing_is_smoothed_again() -> None:
 def test_what_many_joints_leave_out_is_said(limit: str, search: str, fitted: bool, monkeypatch) -> None:
     """The factor of one joint with four parameters and the torque has 25 numbers."""
     monkeypatch.setattr(sys.modules[run_checks.__module__], limit, 24)
-    found = run_checks(SLIDER, {"train": {"one": ONE}})
-    (one,) = found.findings
-    assert one.message == SearchLeftOut(SearchKind[search], 1, len(SLIDER.parameters))
-    assert (found.rank is not None) is fitted
+    findings = run_checks(SLIDER, {"train": {"one": ONE}})
+    (finding,) = findings.findings
+    assert finding.message == SearchLeftOut(SearchKind[search], 1, len(SLIDER.parameters))
+    assert (findings.rank is not None) is fitted
 
 
 ARM = moving_arm.arm()
@@ -215,7 +219,7 @@ def test_a_torque_without_friction_is_said_where_none_was_chosen(moved: Log) -> 
 def test_a_dead_torque_explains_itself_and_spoils_nothing_of_the_others(dead: int, moved: Log, sound_arm) -> None:
     silent = replace(moved, tau=moved.tau * (np.arange(3) != dead))
     more = set(run_checks(ARM, {"train": {"one": silent}}).findings) - sound_arm
-    assert {(one.topic, one.joint) for one in more} == {("dead", moved.joints[dead])}
+    assert {(x.topic, x.joint) for x in more} == {("dead", moved.joints[dead])}
 
 
 def test_what_a_held_joint_shows_is_no_missing_term() -> None:
@@ -224,6 +228,6 @@ def test_what_a_held_joint_shows_is_no_missing_term() -> None:
     q, dq, ddq = (size * x for x in (motion.q, motion.dq, motion.ddq))
     tau = ARM.torque(q, dq, ddq, moving_arm.truth(ARM)) + q * [0, 0, 2000] + 100 * NOISE
     held = Log(motion.t, q + 0.1 * NOISE, tau, motion.joints)
-    found = run_checks(ARM, {"train": {"held": held}}, Recipe(time_offset=0.0)).findings
-    assert [one.topic for one in found if isinstance(one.message, motion_notes.HardlyMoves)] == ["still"]
-    assert not [one for one in found if isinstance(one.message, robot_notes.MissingTerm) and one.joint == "j3"]
+    findings = run_checks(ARM, {"train": {"held": held}}, Recipe(time_offset=0.0)).findings
+    assert [x.topic for x in findings if isinstance(x.message, motion_notes.HardlyMoves)] == ["still"]
+    assert not [x for x in findings if isinstance(x.message, robot_notes.MissingTerm) and x.joint == "j3"]

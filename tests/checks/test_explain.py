@@ -21,8 +21,8 @@ from tests.checks.moving_arm import MOVED, arm, case, motion, swap_torques, text
 MODEL = arm()
 
 
-def topics(found) -> list[tuple[str, str | None]]:
-    return [(one.topic, one.joint) for one in found]
+def topics(result) -> list[tuple[str, str | None]]:
+    return [(x.topic, x.joint) for x in result]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -45,26 +45,26 @@ def test_noise_that_is_correlated_is_no_cause(seed: int) -> None:
 
 def test_two_causes_are_both_found() -> None:
     gain = replace(MOVED, tau=MOVED.tau * [1.0, 1.0, 1.5])
-    found = topics(explain_residual(case(with_torque(4.0 * MOVED.q[:, 0], 0, gain))))
-    assert sorted(found) == [("gain", "j3"), ("missing term", "j1")]
+    result = topics(explain_residual(case(with_torque(4.0 * MOVED.q[:, 0], 0, gain))))
+    assert sorted(result) == [("gain", "j3"), ("missing term", "j1")]
 
 
 def test_a_tilted_base_is_named_before_the_frames_that_would_do_the_same() -> None:
     tilted = tilt_base(MODEL, 0.05, -0.04)
     moved = motion(model=tilted)
     tilt = BaseTilt(0.05, -0.04, (1e-3, 1e-3), 5.0, 2.0)
-    (found,) = explain_residual(case(moved), tilt)
-    assert (found.severity, found.topic) == (Severity.WARNING, "base tilt")
-    assert isinstance(found.message, TiltedBase)
-    assert (found.message.x, found.message.y) == pytest.approx((0.05, -0.04), abs=0.01)
-    assert found.forbids is Use.SIMULATION
+    (result,) = explain_residual(case(moved), tilt)
+    assert (result.severity, result.topic) == (Severity.WARNING, "base tilt")
+    assert isinstance(result.message, TiltedBase)
+    assert (result.message.x, result.message.y) == pytest.approx((0.05, -0.04), abs=0.01)
+    assert result.forbids is Use.SIMULATION
 
 
 def test_a_large_fault_is_named_alone() -> None:
     theta = truth(MODEL)
     theta[20] += 1.0
-    found = robot_findings(arm(text(0.44)), [swap_torques(MOVED)], {"loaded": motion(1, theta=theta)})
-    assert topics(found) == [("swapped", None)]
+    result = robot_findings(arm(text(0.44)), [swap_torques(MOVED)], {"loaded": motion(1, theta=theta)})
+    assert topics(result) == [("swapped", None)]
 
 
 def test_where_no_sample_counts_nothing_is_looked_for() -> None:

@@ -34,9 +34,9 @@ def motion(seed: int, *, speed: float = 1.0, gravity: bool = True) -> Motion:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_whole_torques_of_fast_motion_have_no_findings(seed: int) -> None:
-    one = [motion(seed)]
-    assert list(compensation_findings(thin_regression(MODEL, one))) == []
-    assert list(slow_findings(thin_regression(MODEL, one))) == []
+    case = [motion(seed)]
+    assert list(compensation_findings(thin_regression(MODEL, case))) == []
+    assert list(slow_findings(thin_regression(MODEL, case))) == []
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -74,13 +74,13 @@ def test_torque_without_friction_is_said(shown: float) -> None:
     bare = motion(0)
     slid = np.sign(bare.dq) + bare.dq / bare.dq.std(axis=0)
     tau = bare.tau + shown * bare.tau.std(axis=0) * slid
-    found = list(friction_findings(thin_regression(RUBBING, [replace(bare, tau=tau)])))
+    result = list(friction_findings(thin_regression(RUBBING, [replace(bare, tau=tau)])))
     if shown > 0.01:
-        assert found == []
+        assert result == []
     else:
-        (one,) = found
-        assert isinstance(one.message, log_notes.NoFriction)
-        assert one.message.share < 1
+        (case,) = result
+        assert isinstance(case.message, log_notes.NoFriction)
+        assert case.message.share < 1
 
 
 def test_a_model_without_friction_misses_none_and_an_arm_at_rest_shows_none() -> None:
@@ -93,10 +93,10 @@ def test_a_model_without_friction_misses_none_and_an_arm_at_rest_shows_none() ->
 
 @pytest.mark.parametrize("seed", range(3))
 def test_slow_motion_is_said(seed: int) -> None:
-    (found,) = slow_findings(thin_regression(MODEL, [motion(seed, speed=0.02)]))
-    assert isinstance(found.message, log_notes.SlowMotion)
-    assert found.message.share < found.message.residual / 3
-    assert found.message.faster > 3
+    (result,) = slow_findings(thin_regression(MODEL, [motion(seed, speed=0.02)]))
+    assert isinstance(result.message, log_notes.SlowMotion)
+    assert result.message.share < result.message.residual / 3
+    assert result.message.faster > 3
 
 
 def test_a_check_says_that_all_motion_is_slow() -> None:
@@ -106,16 +106,19 @@ def test_a_check_says_that_all_motion_is_slow() -> None:
 
 
 def test_repeats_are_said_with_their_lag() -> None:
-    one, other = motion(1), motion(2)
-    train = Log(one.t, one.q, one.tau, one.joints)
-    late = Log(one.t[40:], one.q[40:], one.tau[40:] * 1.01, one.joints)
-    new = Log(other.t, other.q, other.tau, other.joints)
-    held = {"again": train, "late": late, "new": new}
-    found = {one.source: one.message for one in repeat_findings({"train": {"a": train}, "validation": held})}
-    assert found.keys() == {"again", "late"}
-    assert found["again"] == log_notes.SameData("a", 0.0)
-    assert isinstance(found["late"], log_notes.RepeatedMotion)
-    assert found["late"].lag == pytest.approx(0.4, abs=1e-3)
+    first, second = motion(1), motion(2)
+    train = Log(first.t, first.q, first.tau, first.joints)
+    log = Log(first.t[40:], first.q[40:], first.tau[40:] * 1.01, first.joints)
+    new = Log(second.t, second.q, second.tau, second.joints)
+    held = {"again": train, "late": log, "new": new}
+    result = {
+        repeat_finding.source: repeat_finding.message
+        for repeat_finding in repeat_findings({"train": {"a": train}, "validation": held})
+    }
+    assert result.keys() == {"again", "late"}
+    assert result["again"] == log_notes.SameData("a", 0.0)
+    assert isinstance(result["late"], log_notes.RepeatedMotion)
+    assert result["late"].lag == pytest.approx(0.4, abs=1e-3)
 
 
 def test_windows_that_overlap_are_said_with_their_share() -> None:

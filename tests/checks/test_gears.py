@@ -24,12 +24,12 @@ def geared(joint: int, factor: float, seed: int = 0) -> Motion:
 
 def test_what_the_data_cannot_tell_apart_is_said_with_both_in_the_finding_and_in_the_remedy() -> None:
     """About a vertical axis a gear scales the joint's own torque, much as a gain does."""
-    (found,) = explain_residual(case(geared(0, 1.2, seed=5)))
-    assert isinstance(found.message, TorqueGain)
-    assert [(rival.quantity, rival.joint) for rival in found.message.others] == [(SuspectQuantity.GEAR, "j1")]
-    (rival,) = found.message.others
+    (result,) = explain_residual(case(geared(0, 1.2, seed=5)))
+    assert isinstance(result.message, TorqueGain)
+    assert [(rival.quantity, rival.joint) for rival in result.message.others] == [(SuspectQuantity.GEAR, "j1")]
+    (rival,) = result.message.others
     assert rival.value == pytest.approx(1 / 1.2, abs=0.05)
-    for text in (str(found), found.message.remedy):
+    for text in (str(result), result.message.remedy):
         assert f"positions {rival.value:.3g} times as large" in text
 
 

@@ -48,18 +48,18 @@ NONE, FLAT, UPRIGHT = (0.0, 0.0, 0.0), (0.0, 0.0, -9.81), (0.0, -9.81, 0.0)
 
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, 9.81), (9.81, 0.0, 0.0), (0.0, -6.9, -6.9)])
 def test_an_arm_that_is_mounted_otherwise_is_asked_about(gravity) -> None:
-    (found,) = gravity_findings(arm(), [motion(gravity)])
-    assert isinstance(found.message, OtherGravity)
-    assert found.message.assumed == (0.0, 0.0, -9.81)
-    said = found.message.fitted
+    (result,) = gravity_findings(arm(), [motion(gravity)])
+    assert isinstance(result.message, OtherGravity)
+    assert result.message.assumed == (0.0, 0.0, -9.81)
+    said = result.message.fitted
     assert np.dot(said, gravity) > 0.95 * np.linalg.norm(said) * np.linalg.norm(gravity)
     assert list(gravity_findings(arm(gravity), [motion(gravity)])) == []
 
 
 def test_gravity_that_was_left_out_is_asked_about() -> None:
-    (found,) = gravity_findings(arm(NONE), [motion(FLAT)])
-    assert found.message.assumed == NONE
-    assert found.message.fitted[2] < -5
+    (result,) = gravity_findings(arm(NONE), [motion(FLAT)])
+    assert result.message.assumed == NONE
+    assert result.message.fitted[2] < -5
     assert list(gravity_findings(arm(NONE), [motion(NONE)])) == []
 
 
@@ -99,8 +99,8 @@ def swung(gravity: tuple[float, float, float]) -> Motion:
 def test_of_a_planar_arm_the_gravity_in_its_plane_is_told(assumed) -> None:
     """That along the axes of its joints does not act."""
     assert list(gravity_findings(planar(assumed), [swung(FLAT)])) == []
-    (found,) = gravity_findings(planar(assumed), [swung(UPRIGHT)])
-    np.testing.assert_allclose(found.message.fitted, UPRIGHT, atol=0.5)
+    (result,) = gravity_findings(planar(assumed), [swung(UPRIGHT)])
+    np.testing.assert_allclose(result.message.fitted, UPRIGHT, atol=0.5)
     assert list(gravity_findings(planar(UPRIGHT), [swung(UPRIGHT)])) == []
     tilted = 9.81 * np.array([0.0, -0.5, -0.866])
     assert list(gravity_findings(planar(FLAT), [swung(tuple(tilted))])) == []
@@ -110,5 +110,5 @@ def test_of_a_planar_arm_the_gravity_in_its_plane_is_told(assumed) -> None:
 def test_a_planar_arm_that_lies_flat_is_asked_nothing(given) -> None:
     moved, rng = swung(NONE), np.random.default_rng(4)
     log = Log(T, moved.q + 1e-5 * rng.standard_normal(moved.q.shape), moved.tau, moved.joints)
-    topics = {one.topic for one in run_checks(planar(given), {"train": {"log": log}}).findings}
+    topics = {finding.topic for finding in run_checks(planar(given), {"train": {"log": log}}).findings}
     assert not topics & {"gravity", "gravity compensated", "base tilt", "missing term", "slow"}

@@ -61,9 +61,9 @@ RECORDED = record()
 
 def notes(log: Log, **knows: object) -> list[tuple[str | None, object]]:
     """What is said of a log that knows, perhaps, another controller."""
-    found = list(loop_findings([replace(log, **knows)]))
-    assert all(x.severity is Severity.WARNING and x.topic == "loop" and x.source == "monday" for x in found)
-    return [(x.joint, x.message) for x in found]
+    result = list(loop_findings([replace(log, **knows)]))
+    assert all(x.severity is Severity.WARNING and x.topic == "loop" and x.source == "monday" for x in result)
+    return [(x.joint, x.message) for x in result]
 
 
 @pytest.mark.parametrize(

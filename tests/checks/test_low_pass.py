@@ -41,10 +41,10 @@ def test_no_joint_is_late_where_all_torques_are_low_passed() -> None:
     assert not [finding for finding in findings if isinstance(finding.message, LeftAtReversals)]
 
 
-@pytest.mark.parametrize("late", [0.0, 0.005, 0.02, 0.06])
-def test_late_torques_are_not_named_as_low_passed(late: float) -> None:
-    tau = np.column_stack([np.interp(MOVED.t - late, MOVED.t, x) for x in MOVED.tau.T])
-    for offset in (late, 0.9 * late, 1.1 * late):
+@pytest.mark.parametrize("delay", [0.0, 0.005, 0.02, 0.06])
+def test_late_torques_are_not_named_as_low_passed(delay: float) -> None:
+    tau = np.column_stack([np.interp(MOVED.t - delay, MOVED.t, x) for x in MOVED.tau.T])
+    for offset in (delay, 0.9 * delay, 1.1 * delay):
         assert list(low_pass_findings(arm(), [replace(MOVED, tau=tau).shift(-offset)])) == []
 
 

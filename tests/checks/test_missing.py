@@ -192,9 +192,9 @@ def test_a_late_torque_is_named_with_its_delay(joint: int, delay: float) -> None
 
 def test_a_large_delay_is_a_cause_of_the_residual() -> None:
     tau = MOVED.tau[:, 1]
-    late = case(with_torque(np.interp(MOVED.t - 0.05, MOVED.t, tau) - tau, 1))
-    late.dq[7, 1], late.keep[7, 1] = 1e-6, False
-    first, *_ = explain_residual(late)
+    delayed = case(with_torque(np.interp(MOVED.t - 0.05, MOVED.t, tau) - tau, 1))
+    delayed.dq[7, 1], delayed.keep[7, 1] = 1e-6, False
+    first, *_ = explain_residual(delayed)
     assert (first.joint, first.message.effect) == ("j2", TermKind.DELAY)
     assert first.message.value == pytest.approx(0.05, rel=0.25)
     assert first.message.cost < 10.0  # that of wrong parameters, and not of a rate where friction jumps
@@ -204,23 +204,23 @@ def test_torques_in_time_are_not_named_even_where_friction_reverses_late() -> No
     """As presliding has it: the rest of the torque is in time."""
     assert find_delays(PUNCTUAL) == []
     sign = np.sign(PUNCTUAL.dq[:, 2])
-    late = np.interp(PUNCTUAL.t - 0.02, PUNCTUAL.t, sign)
-    assert find_delays(with_torque(VALUES["coulomb"] * (late - sign), 2, PUNCTUAL)) == []
+    delayed = np.interp(PUNCTUAL.t - 0.02, PUNCTUAL.t, sign)
+    assert find_delays(with_torque(VALUES["coulomb"] * (delayed - sign), 2, PUNCTUAL)) == []
 
 
 @pytest.mark.parametrize(("delay", "is_named"), [(0.0008, False), (0.004, True)])
 def test_a_ripple_that_is_a_cycle_late_is_no_delay(delay: float, is_named: bool) -> None:
     bodies, *terms = arm().terms
     model = Model((bodies, *terms, Ripple(bodies.joints, on=("j1",), cycles=(30.0,))))
-    late = with_torque(5.0 * np.sin(30.0 * (Q - delay * DQ)), moved=motion(noise=0.002))
-    effects = {effect.kind for effect in find_missing_effects(misfit(case(late, model)))}
+    delayed = with_torque(5.0 * np.sin(30.0 * (Q - delay * DQ)), moved=motion(noise=0.002))
+    effects = {effect.kind for effect in find_missing_effects(misfit(case(delayed, model)))}
     assert (TermKind.DELAY in effects) == is_named
 
 
 def test_recordings_too_short_to_be_shifted_say_nothing() -> None:
-    late = delay_torque(2, 0.01)
-    fit = misfit(fit_case(arm(), [late]))
-    assert list(delay_findings(fit, [replace(late, mask=PUNCTUAL.t < 0.05)])) == []
+    delayed = delay_torque(2, 0.01)
+    fit = misfit(fit_case(arm(), [delayed]))
+    assert list(delay_findings(fit, [replace(delayed, mask=PUNCTUAL.t < 0.05)])) == []
 
 
 def ripple(rate: float, joint: int = 0) -> Misfit:

@@ -30,12 +30,12 @@ def motion(amplitude: float = 0.5, rate: float = 2.0, tau: float = 3.0) -> Motio
 
 
 def test_the_facts_are_those_of_a_sine() -> None:
-    found = excitation([motion()], "a")
-    assert (found.lower, found.upper) == pytest.approx((-0.5, 0.5), rel=1e-3)
-    assert (found.peak_speed, found.rms_speed) == pytest.approx((1.0, np.sqrt(0.5)), rel=1e-2)
-    assert (found.peak_acceleration, found.rms_acceleration) == pytest.approx((2.0, np.sqrt(2)), rel=1e-2)
-    assert found.reversals == 8
-    assert found.slow == pytest.approx(2 * np.arcsin(0.02) / np.pi, rel=0.1)
+    result = excitation([motion()], "a")
+    assert (result.lower, result.upper) == pytest.approx((-0.5, 0.5), rel=1e-3)
+    assert (result.peak_speed, result.rms_speed) == pytest.approx((1.0, np.sqrt(0.5)), rel=1e-2)
+    assert (result.peak_acceleration, result.rms_acceleration) == pytest.approx((2.0, np.sqrt(2)), rel=1e-2)
+    assert result.reversals == 8
+    assert result.slow == pytest.approx(2 * np.arcsin(0.02) / np.pi, rel=0.1)
     assert excitation([motion(), motion()], "a").reversals == 16
 
 
@@ -75,7 +75,7 @@ CASES = {
 def test_limits_that_are_exceeded_are_said_with_their_figures(
     moved: Motion, limits: RobotJointLimits | None, note: Note | None
 ) -> None:
-    notes = [one.message for one in limit_findings(excitation([moved], "a"), limits, Joint("a"))]
+    notes = [limit_finding.message for limit_finding in limit_findings(excitation([moved], "a"), limits, Joint("a"))]
     assert notes == ([] if note is None else [note])
 
 
@@ -84,9 +84,9 @@ def test_a_joint_that_its_controller_holds_is_named() -> None:
     q = np.column_stack([np.sin(t), 0.7 + 1e-3 * np.sin(9 * t), 0.02 * np.sin(3 * t), np.full(t.shape, 0.1)])
     model = Model((Offset(tuple(map(Joint, "abcd"))),))
     moved = Motion(t, q, np.gradient(q, t, axis=0), np.zeros(q.shape), np.ones(q.shape), tuple("abcd"), t >= 0)
-    (found,) = hardly_moving_findings([excitation([moved], joint) for joint in "abcd"], model)
-    assert (found.joint, found.topic) == ("b", "still")
-    assert found.message == motion_notes.HardlyMoves(
+    (result,) = hardly_moving_findings([excitation([moved], joint) for joint in "abcd"], model)
+    assert (result.joint, result.topic) == ("b", "still")
+    assert result.message == motion_notes.HardlyMoves(
         pytest.approx(2e-3, rel=0.01), pytest.approx(2.0, rel=0.01), pytest.approx(0.7), "rad"
     )
 
@@ -97,19 +97,19 @@ def test_what_is_not_excited_is_named_with_the_joint_to_move() -> None:
     q, dq, ddq = np.random.default_rng(0).standard_normal((3, 500, 2))
     full = Motion(np.arange(500.0), q, dq, ddq, np.zeros_like(q), ("a", "b"), np.ones(500, bool))
     held = replace(full, q=q * [1, 0], dq=dq * [1, 0], ddq=ddq * [1, 0])
-    good, poor = (excited_rank(model, Regression(model, (one,))) for one in (full, held))
+    good, poor = (excited_rank(model, Regression(model, (x,))) for x in (full, held))
     assert good.on_data == good.structural == good.count
     assert list(rank_findings(good)) == []
     assert poor.on_data < poor.structural
     told = list(rank_findings(poor))
     assert told
-    assert [one.message for one in told] == list(poor.missing)
-    assert all(one.joints == ("b",) for one in poor.missing)
+    assert [x.message for x in told] == list(poor.missing)
+    assert all(x.joints == ("b",) for x in poor.missing)
 
 
 def test_a_bad_condition_is_said_where_nothing_is_missing() -> None:
-    (found,) = rank_findings(ExcitedRank(6, 5, 5, 1e6, ()))
-    assert (found.topic, found.message) == ("condition", motion_notes.CorrelatedParameters(5, 1e6))
+    (result,) = rank_findings(ExcitedRank(6, 5, 5, 1e6, ()))
+    assert (result.topic, result.message) == ("condition", motion_notes.CorrelatedParameters(5, 1e6))
     assert list(rank_findings(ExcitedRank(5, 5, 5, 1e3, ()))) == []
 
 

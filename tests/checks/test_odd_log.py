@@ -30,15 +30,15 @@ def shifted(moved: Motion) -> Motion:
 def test_the_odd_one_of_three_logs_is_named_wherever_it_is(change: Callable[[Motion], Motion]) -> None:
     for odd in "abc":
         a, b, c = (named(x, k, change if x == odd else lambda moved: moved) for k, x in enumerate("abc"))
-        (found,) = odd_log_findings(MODEL, [a, b], {"c": c})
-        assert (found.source, found.severity, found.forbids) == (odd, Severity.WARNING, Use.SIMULATION)
-        assert isinstance(found.message, OddLog)
-        assert found.message.after < found.message.before / 2
+        (result,) = odd_log_findings(MODEL, [a, b], {"c": c})
+        assert (result.source, result.severity, result.forbids) == (odd, Severity.WARNING, Use.SIMULATION)
+        assert isinstance(result.message, OddLog)
+        assert result.message.after < result.message.before / 2
 
 
 def test_of_two_logs_it_is_the_second() -> None:
-    (found,) = odd_log_findings(MODEL, [named("a", 1, swap_torques)], {"b": named("b", 2)})
-    assert found.source == "b"
+    (result,) = odd_log_findings(MODEL, [named("a", 1, swap_torques)], {"b": named("b", 2)})
+    assert result.source == "b"
 
 
 def test_logs_of_one_robot_fit_together_and_so_does_a_fault_of_all() -> None:
@@ -69,15 +69,15 @@ def test_a_log_of_few_usable_samples_is_no_obstacle(samples: int) -> None:
     """Fewer equations than parameters: its triangular factor has fewer rows than the others'."""
     right, short = named("a", 1), few(named("b", 2), samples)
     assert list(odd_log_findings(MODEL, [right], {"b": short})) == []
-    (found,) = odd_log_findings(MODEL, [right, named("c", 3, swap_torques)], {"b": short})
-    assert found.source == "c" if samples == 0 else found.source != "b"
+    (result,) = odd_log_findings(MODEL, [right, named("c", 3, swap_torques)], {"b": short})
+    assert result.source == "c" if samples == 0 else result.source != "b"
 
 
 def test_joints_of_which_no_sample_counts_say_nothing() -> None:
     a, b = named("a", 1, swap_torques), named("b", 2)
     assert list(odd_log_findings(MODEL, [a], {"b": b}, min_speed=(100.0, 100.0, 100.0))) == []
-    (found,) = odd_log_findings(MODEL, [a], {"b": b}, min_speed=(100.0, 0.0, 0.0))
-    assert found.source == "b"
+    (result,) = odd_log_findings(MODEL, [a], {"b": b}, min_speed=(100.0, 0.0, 0.0))
+    assert result.source == "b"
 
 
 @pytest.mark.parametrize("samples", [12, 30])

@@ -35,8 +35,7 @@ def put(name: str, rows: list[int] | slice, value: float, *, add: bool = False) 
 
 def found(*train: Log, held: tuple[Log, ...] = (), model: Model = PENDULUM, **changes) -> list:
     logs = {
-        role: {f"{role} {k}": one for k, one in enumerate(part)}
-        for role, part in (("train", train), ("validation", held))
+        role: {f"{role} {k}": x for k, x in enumerate(part)} for role, part in (("train", train), ("validation", held))
     }
     recipe = replace(Recipe(Spline(sigma=1e-4), time_offset=0.0, base_tilt=(0.0, 0.0)), **changes)
     return [x for x in run_checks(model, logs, recipe).findings if isinstance(x.message, OURS)]
@@ -49,9 +48,9 @@ def test_no_clean_log_has_findings(seed: int) -> None:
 
 @pytest.mark.parametrize("outliers", ["mask", "keep"])
 def test_a_torque_of_5000_is_said_with_its_row(outliers: str) -> None:
-    (one,) = found(put("tau", [777], 5000.0), outliers=outliers)
-    assert (one.joint, one.source, one.severity) == ("pivot", "train 0", Severity.WARNING)
-    note = one.message
+    (case,) = found(put("tau", [777], 5000.0), outliers=outliers)
+    assert (case.joint, case.source, case.severity) == ("pivot", "train 0", Severity.WARNING)
+    note = case.message
     assert isinstance(note, log_notes.TorqueSpikes)
     assert (note.count, note.rows, note.masked, note.held_out) == (1, (777,), outliers == "mask", False)
     assert note.times == pytest.approx((777 * 0.005,))
@@ -59,14 +58,14 @@ def test_a_torque_of_5000_is_said_with_its_row(outliers: str) -> None:
 
 
 def test_a_held_out_spike_is_said() -> None:
-    (one,) = found(log(3, 8.0), held=(put("tau", [777], 50.0),))
-    assert (one.source, one.message.held_out, one.message.masked) == ("validation 0", True, False)
+    (case,) = found(log(3, 8.0), held=(put("tau", [777], 50.0),))
+    assert (case.source, case.message.held_out, case.message.masked) == ("validation 0", True, False)
 
 
 def test_frozen_and_clipped_torques_are_said_with_their_stretch() -> None:
-    (one,) = found(put("tau", slice(400, 600), 0.0))
-    assert isinstance(one.message, log_notes.FrozenTorque)
-    assert (one.message.row, one.message.count, one.message.value) == (400, 200, 0.0)
+    (case,) = found(put("tau", slice(400, 600), 0.0))
+    assert isinstance(case.message, log_notes.FrozenTorque)
+    assert (case.message.row, case.message.count, case.message.value) == (400, 200, 0.0)
     limit = 0.6 * np.abs(ONE.tau).max()
     clipped = np.clip(ONE.tau, -limit, limit)
     for note in (x.message for x in found(replace(ONE, tau=clipped))):
@@ -76,16 +75,16 @@ def test_frozen_and_clipped_torques_are_said_with_their_stretch() -> None:
 
 
 def test_too_many_are_not_left_out() -> None:
-    (one,) = found(put("tau", list(range(50, 950, 20)), 50.0))
-    assert isinstance(one.message, log_notes.ManyTorqueOutliers)
-    assert one.message.share == pytest.approx(45 / 1000, abs=0.005)
-    assert one.forbids is not None
+    (case,) = found(put("tau", list(range(50, 950, 20)), 50.0))
+    assert isinstance(case.message, log_notes.ManyTorqueOutliers)
+    assert case.message.share == pytest.approx(45 / 1000, abs=0.005)
+    assert case.forbids is not None
 
 
 def test_spikes_and_frozen_stretches_of_the_position_are_said() -> None:
-    (one,) = found(put("q", [500, 901], 0.3, add=True))
-    assert isinstance(one.message, log_notes.PositionSpikes)
-    assert (one.message.rows, one.message.replaced) == ((500, 901), True)
+    (case,) = found(put("q", [500, 901], 0.3, add=True))
+    assert isinstance(case.message, log_notes.PositionSpikes)
+    assert (case.message.rows, case.message.replaced) == ((500, 901), True)
     (held,) = found(put("q", slice(700, 800), float(ONE.q[700, 0])))
     assert isinstance(held.message, log_notes.FrozenPosition)
     assert held.message.row == pytest.approx(700, abs=2)
@@ -94,12 +93,12 @@ def test_spikes_and_frozen_stretches_of_the_position_are_said() -> None:
 def test_a_wrap_is_an_error_and_a_jump_is_not() -> None:
     turning = 8 * T + 0.3 * np.sin(6 * T)
     wrapped = Log(T, ((turning + np.pi) % (2 * np.pi) - np.pi)[:, None], ONE.tau, ("pivot",))
-    (one,) = check_log(wrapped, {"pivot": "revolute"})
-    assert isinstance(one.message, channel_notes.WrappedPosition)
-    assert one.severity is Severity.ERROR
-    assert one.message.period == pytest.approx(2 * np.pi, rel=0.02)
-    assert one.message.count == 6
-    assert abs(wrapped.q[one.message.row + 1, 0] - wrapped.q[one.message.row, 0]) > 6
+    (finding,) = check_log(wrapped, {"pivot": "revolute"})
+    assert isinstance(finding.message, channel_notes.WrappedPosition)
+    assert finding.severity is Severity.ERROR
+    assert finding.message.period == pytest.approx(2 * np.pi, rel=0.02)
+    assert finding.message.count == 6
+    assert abs(wrapped.q[finding.message.row + 1, 0] - wrapped.q[finding.message.row, 0]) > 6
     shifted = put("q", slice(700, None), 0.4, add=True)
     (jump,) = (x for x in check_log_fully(shifted, {"pivot": "revolute"}) if isinstance(x.message, OURS))
     assert isinstance(jump.message, log_notes.PositionJump)

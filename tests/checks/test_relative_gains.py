@@ -25,14 +25,14 @@ def currents(noise: float = 0.05, seed: int = 0) -> Motion:
 
 
 def test_gains_are_found_with_their_standard_errors() -> None:
-    found = relative_gains(moving_arm.arm(), [currents()])
-    assert found
+    result = relative_gains(moving_arm.arm(), [currents()])
+    assert result
     names = [joint.name for joint in moving_arm.arm().joints]
-    for name, one in found.items():
+    for name, case in result.items():
         true = GAINS[names.index(name)]
-        assert one.value == pytest.approx(true, rel=0.05)
-        assert 0 < one.std < 0.05 * abs(true)
-        assert abs(one.value - true) < 5 * one.std + 0.01 * abs(true)
+        assert case.value == pytest.approx(true, rel=0.05)
+        assert 0 < case.std < 0.05 * abs(true)
+        assert abs(case.value - true) < 5 * case.std + 0.01 * abs(true)
 
 
 def test_what_does_not_follow_the_file_or_was_never_recorded_is_refused() -> None:

@@ -101,7 +101,7 @@ def test_a_beam_is_as_long_as_the_travel_on_it() -> None:
 
 
 def test_for_an_identification_no_inertia_of_the_file_is_an_error() -> None:
-    assert {one.severity for one in found(FAULTS["negative mass"][0], inconsistent=Severity.WARNING)} == {"warning"}
+    assert {x.severity for x in found(FAULTS["negative mass"][0], inconsistent=Severity.WARNING)} == {"warning"}
 
 
 def test_copies_are_distinguished_from_placeholders_and_from_a_gripper() -> None:
@@ -131,9 +131,9 @@ def test_missing_limits_are_reported_once_for_all_joints_that_move() -> None:
 
 
 def test_both_formats_say_the_same() -> None:
-    one, other = (link_facts(read_robot_file(xml, "arm")) for xml in (ARM, ARM_MJCF))
-    assert [fact.link for fact in one] == [fact.link for fact in other]
-    for a, b in zip(one, other, strict=True):
+    first, second = (link_facts(read_robot_file(xml, "arm")) for xml in (ARM, ARM_MJCF))
+    assert [fact.link for fact in first] == [fact.link for fact in second]
+    for a, b in zip(first, second, strict=True):
         assert (a.mass, *a.centre, *a.moments) == pytest.approx((b.mass, *b.centre, *b.moments), abs=1e-12)
 
 
@@ -142,16 +142,16 @@ def test_what_mujoco_computes_from_meshes_is_said() -> None:
         '<mujoco><worldbody><body name="arm"><joint name="hinge"/><geom type="mesh" mesh="shell"/></body></worldbody>'
         "</mujoco>"
     )
-    shapes = [one for one in found(xml) if one.topic == "shapes"]
-    assert [(one.link, one.message) for one in shapes] == [("arm", file_notes.OnlyShapes())]
+    shapes = [x for x in found(xml) if x.topic == "shapes"]
+    assert [(shape.link, shape.message) for shape in shapes] == [("arm", file_notes.OnlyShapes())]
 
 
 def test_joints_with_their_limits_bodies_and_masters() -> None:
     mimic = ELBOW.replace("</joint>", '<mimic joint="shoulder" multiplier="-2" offset="0.1"/></joint>')
     tool = link("tool", 0.5), joint("flange", "fixed", "fore", "tool")
-    one, other = joint_facts(read_robot_file(arm(UPPER, FORE, SHOULDER, mimic, *tool), "arm.urdf"))
-    assert (one.joint, one.kind, one.follows, one.held, one.mass) == ("shoulder", "revolute", None, "", 2.0)
-    assert (other.follows, other.mass) == (("shoulder", -2.0, 0.1), 2.0)
+    first, second = joint_facts(read_robot_file(arm(UPPER, FORE, SHOULDER, mimic, *tool), "arm.urdf"))
+    assert (first.joint, first.kind, first.follows, first.held, first.mass) == ("shoulder", "revolute", None, "", 2.0)
+    assert (second.follows, second.mass) == (("shoulder", -2.0, 0.1), 2.0)
 
 
 def test_a_joint_that_cannot_be_identified_is_held() -> None:

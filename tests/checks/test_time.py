@@ -21,9 +21,9 @@ def log(stamped: np.ndarray, sampled: np.ndarray, noise: float = 1e-6) -> Log:
     return Log(stamped, q, np.cos(q), ("a", "b"), "log")
 
 
-def topics(one: Log) -> dict[str, tuple[Severity, Note]]:
-    kinds = dict.fromkeys(one.joints, "revolute")
-    return {finding.topic: (finding.severity, finding.message) for finding in check_log_fully(one, kinds)}
+def topics(case: Log) -> dict[str, tuple[Severity, Note]]:
+    kinds = dict.fromkeys(case.joints, "revolute")
+    return {finding.topic: (finding.severity, finding.message) for finding in check_log_fully(case, kinds)}
 
 
 def test_stamps_that_jitter_are_distinguished_from_sampling_that_jitters() -> None:
@@ -47,21 +47,24 @@ def test_where_position_noise_hides_it_nothing_is_claimed() -> None:
 def test_an_even_time_axis_has_no_findings() -> None:
     even = log(EVEN, EVEN)
     assert topics(even) == {}
-    found = timing(even)
-    assert (found.samples, found.missing, found.even) == (N, 0, 1.0)
-    assert found.rate == pytest.approx(200)
-    assert found.length == pytest.approx((N - 1) * STEP)
+    test_timing = timing(even)
+    assert (test_timing.samples, test_timing.missing, test_timing.even) == (N, 0, 1.0)
+    assert test_timing.rate == pytest.approx(200)
+    assert test_timing.length == pytest.approx((N - 1) * STEP)
 
 
 @pytest.mark.parametrize(("lost", "severity"), [(13, "info"), (200, "warning")])
 def test_lost_samples_are_counted(lost: int, severity: str) -> None:
     drop = np.random.default_rng(5).choice(np.arange(1, N - 1), lost, replace=False)
     kept = np.delete(EVEN, drop)
-    found = timing(log(kept, kept))
-    assert found.missing == lost
-    assert found.rate == pytest.approx(200)
+    test_timing = timing(log(kept, kept))
+    assert test_timing.missing == lost
+    assert test_timing.rate == pytest.approx(200)
     told = topics(log(kept, kept))["lost"]
-    assert told == (severity, channel_notes.LostSamples(lost, lost / N, pytest.approx(round(found.longest / STEP))))
+    assert told == (
+        severity,
+        channel_notes.LostSamples(lost, lost / N, pytest.approx(round(test_timing.longest / STEP))),
+    )
 
 
 def test_noisy_stamps_with_lost_samples_are_not_to_be_replaced_by_a_rate() -> None:
@@ -81,7 +84,7 @@ def test_equal_spacing_is_taken_where_the_stamps_jitter_and_only_there() -> None
     np.testing.assert_allclose(np.diff(spaced.t), STEP, rtol=1e-4)
     np.testing.assert_allclose(spaced.t - 1e3, EVEN, atol=0.1 * STEP)
     sound = log(EVEN + JITTER, EVEN + JITTER), log(EVEN + JITTER, EVEN, noise=0.1), log(EVEN, EVEN)
-    assert [respace(one) for one in sound] == [(one, None) for one in sound]
+    assert [respace(x) for x in sound] == [(x, None) for x in sound]
 
 
 def test_equal_spacing_can_be_asked_for() -> None:
@@ -104,10 +107,10 @@ def test_lost_samples_keep_their_place(lost: int) -> None:
 
 def test_samples_that_are_read_in_bursts_are_not_lost() -> None:
     """Some come late, and those after them at once: equal spacing holds, though the steps look like gaps."""
-    late = EVEN.copy()
+    delayed = EVEN.copy()
     for k in range(100, N - 10, 97):
-        late[k : k + 4] = late[k + 4] - np.array([4, 3, 2, 1]) * 1e-2 * STEP
-    spaced, note = respace(log(late, EVEN))
+        delayed[k : k + 4] = delayed[k + 4] - np.array([4, 3, 2, 1]) * 1e-2 * STEP
+    spaced, note = respace(log(delayed, EVEN))
     assert note is not None
     assert note.lost == 0
     np.testing.assert_allclose(np.diff(spaced.t), STEP, rtol=1e-3)

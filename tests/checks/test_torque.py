@@ -102,7 +102,7 @@ def test_without_a_robot_file_friction_and_inertia_tell_the_sign() -> None:
 
 
 def test_what_the_file_does_not_say_is_not_compared() -> None:
-    (found,) = agreement(slider(), [motion(slider(), np.array([5.0, 8.0, 3.0, 0.5]))])
-    assert np.isnan([found.scale, found.correlation, found.asked]).all()
-    assert found.rotor == pytest.approx(5.0, rel=0.05)
-    assert found.friction > 0
+    (result,) = agreement(slider(), [motion(slider(), np.array([5.0, 8.0, 3.0, 0.5]))])
+    assert np.isnan([result.scale, result.correlation, result.asked]).all()
+    assert result.rotor == pytest.approx(5.0, rel=0.05)
+    assert result.friction > 0

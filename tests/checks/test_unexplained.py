@@ -35,16 +35,18 @@ def test_a_torque_that_no_state_explains_is_said_with_its_size_last() -> None:
 
 def test_what_is_left_is_of_all_torque() -> None:
     foreign = 0.6 * MOVED.tau[:, 1].std() * np.sin(9.1 * T)
-    (one,) = unexplained_findings(misfit(case(with_torque(foreign, 1))))
-    assert one.message.unexplained == pytest.approx(100 * np.linalg.norm(foreign) / np.linalg.norm(MOVED.tau), rel=0.2)
-    assert one.message.unexplained < one.message.joint_unexplained
+    (entry,) = unexplained_findings(misfit(case(with_torque(foreign, 1))))
+    assert entry.message.unexplained == pytest.approx(
+        100 * np.linalg.norm(foreign) / np.linalg.norm(MOVED.tau), rel=0.2
+    )
+    assert entry.message.unexplained < entry.message.joint_unexplained
 
 
 def test_what_an_odd_log_explains_is_not_left() -> None:
     odd = motion(1)
     logs = [replace(MOVED, source="a"), replace(odd, tau=odd.tau * [1.0, 1.6, 1.0], source="b")]
-    assert any(isinstance(one.message, Unexplained) for one in explain_residual(fit_case(arm(), logs)))
-    kinds = {type(one.message) for one in robot_findings(arm(), logs, {})}
+    assert any(isinstance(x.message, Unexplained) for x in explain_residual(fit_case(arm(), logs)))
+    kinds = {type(robot_finding.message) for robot_finding in robot_findings(arm(), logs, {})}
     assert OddLog in kinds
     assert Unexplained not in kinds
 
@@ -57,12 +59,12 @@ def test_white_noise_of_any_size_is_nothing(noise: float) -> None:
 @pytest.mark.parametrize("joint", [0, 2])
 def test_what_is_left_at_the_reversals_of_a_joint_is_said(joint: int) -> None:
     extra = after_reversals(joint)
-    (one,) = reversal_findings(arm(), [with_torque(extra, joint)])
-    assert isinstance(one.message, LeftAtReversals)
-    assert (one.severity, one.joint, one.forbids) == (Severity.WARNING, f"j{joint + 1}", None)
-    whole = np.linalg.norm(MOVED.tau[:, joint] + extra)
-    assert one.message.unexplained == pytest.approx(100 * np.linalg.norm(extra) / whole, rel=0.25)
-    assert 0.4 < one.message.share < 1.0
+    (entry,) = reversal_findings(arm(), [with_torque(extra, joint)])
+    assert isinstance(entry.message, LeftAtReversals)
+    assert (entry.severity, entry.joint, entry.forbids) == (Severity.WARNING, f"j{joint + 1}", None)
+    full = np.linalg.norm(MOVED.tau[:, joint] + extra)
+    assert entry.message.unexplained == pytest.approx(100 * np.linalg.norm(extra) / full, rel=0.25)
+    assert 0.4 < entry.message.share < 1.0
 
 
 @pytest.mark.parametrize("width", [0.02, 0.1])
@@ -89,9 +91,11 @@ def test_where_no_sample_lies_at_a_reversal_nothing_is_said() -> None:
 
 
 def test_what_a_delay_explains_is_not_said_again() -> None:
-    late = with_torque(np.interp(T - 0.03, T, MOVED.tau[:, 2]) - MOVED.tau[:, 2], 2)
-    found = [one.message for one in robot_findings(arm(), [late], {}) if one.joint == "j3"]
-    assert [one.effect for one in found if isinstance(one, MissingTerm)] == [TermKind.DELAY]
-    assert not any(isinstance(one, LeftAtReversals) for one in found)
-    (said,) = reversal_findings(arm(), [late])
+    delayed = with_torque(np.interp(T - 0.03, T, MOVED.tau[:, 2]) - MOVED.tau[:, 2], 2)
+    result = [
+        robot_finding.message for robot_finding in robot_findings(arm(), [delayed], {}) if robot_finding.joint == "j3"
+    ]
+    assert [x.effect for x in result if isinstance(x, MissingTerm)] == [TermKind.DELAY]
+    assert not any(isinstance(x, LeftAtReversals) for x in result)
+    (said,) = reversal_findings(arm(), [delayed])
     assert said.joint == "j3"

@@ -23,16 +23,16 @@ def log(t: np.ndarray, q: np.ndarray | None = None) -> Log:
 
 @pytest.mark.parametrize(("scale", "factor"), [(1e3, 1e-3), (1e6, 1e-6), (1e9, 1e-9), (1e-3, 1e3), (1e-6, 1e6)])
 def test_the_unit_of_time_is_said(scale: float, factor: float) -> None:
-    (found,) = check_log(log(scale * T), {"elbow": "revolute"})
-    assert isinstance(found.message, channel_notes.WrongTimeUnit)
-    assert found.message.factor == factor
+    (finding,) = check_log(log(scale * T), {"elbow": "revolute"})
+    assert isinstance(finding.message, channel_notes.WrongTimeUnit)
+    assert finding.message.factor == factor
 
 
 @pytest.mark.parametrize("rate", [10.0, 100.0, 5000.0, 20000.0])
 def test_usual_rates_are_usual(rate: float) -> None:
     t = np.arange(3000) / rate
-    found = check_log(log(t, np.sin(2 * t)), {"elbow": "revolute"})
-    assert not any(isinstance(one.message, channel_notes.WrongTimeUnit) for one in found)
+    findings = check_log(log(t, np.sin(2 * t)), {"elbow": "revolute"})
+    assert not any(isinstance(x.message, channel_notes.WrongTimeUnit) for x in findings)
 
 
 def test_a_slow_recording_of_a_fast_motion_is_no_wrong_unit() -> None:
@@ -42,8 +42,8 @@ def test_a_slow_recording_of_a_fast_motion_is_no_wrong_unit() -> None:
 
 def test_millimetres_are_said() -> None:
     assert list(length_unit_findings("rail", T, 0.4 * np.sin(3 * T))) == []
-    (found,) = length_unit_findings("rail", T, 400 * np.sin(3 * T))
-    assert (found.joint, type(found.message)) == ("rail", channel_notes.PerhapsMillimetres)
+    (result,) = length_unit_findings("rail", T, 400 * np.sin(3 * T))
+    assert (result.joint, type(result.message)) == ("rail", channel_notes.PerhapsMillimetres)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -62,9 +62,9 @@ def test_radians_of_one_joint_declared_as_degrees_are_said() -> None:
     right = motion()
     factor = np.array([1.0, np.pi / 180, 1.0])
     wrong = replace(right, q=right.q * factor, dq=right.dq * factor, ddq=right.ddq * factor)
-    (found,) = radian_findings(thin_regression(arm(), [wrong]))
-    assert (found.joint, found.message.others_move) == ("j2", True)
-    assert str(found.message).startswith("this joint moves no more than")
+    (result,) = radian_findings(thin_regression(arm(), [wrong]))
+    assert (result.joint, result.message.others_move) == ("j2", True)
+    assert str(result.message).startswith("this joint moves no more than")
     little = replace(
         right, tau=arm().torque(wrong.q, wrong.dq, wrong.ddq, truth(arm())), q=wrong.q, dq=wrong.dq, ddq=wrong.ddq
     )

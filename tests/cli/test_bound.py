@@ -28,18 +28,18 @@ def test_table_numbers_and_report(config: Path, tmp_path: Path) -> None:
     done = succeed("bound", config, "--out", tmp_path / "out", "--json", tmp_path / "numbers.json", "-v")
     for word in ("M", "Fv", "Fc", "torque x 10", "+1 bit", "4 x record", "limited by", "position noise", "report.html"):
         assert word in done.output
-    found = json.loads((tmp_path / "numbers.json").read_text())
-    assert found == json.loads((tmp_path / "out" / "bound.json").read_text())
-    assert found.keys() == {"parameters", "noise", "samples", "findings", "warnings", "provenance"}
-    assert {one["name"] for one in found["parameters"]} == {"M", "Fv", "Fc", "offset"}
-    for one in found["parameters"]:
-        assert one.keys() == KEYS
-        assert one["std"].keys() == {"now", "bit", "torque", "twice", "longer"}
-        assert one["std"]["longer"] == pytest.approx(one["std"]["now"] / 2)
-        assert one["std"]["bit"] <= one["std"]["now"] * (1 + 1e-9)
-    assert found["noise"]["q"]["slider"] == pytest.approx(1e-5, rel=0.15)
-    assert found["noise"]["sensor"]["slider"] == pytest.approx(0.01, rel=0.5)
-    assert found["provenance"]["configuration"]["text"] == config.read_text()
+    content = json.loads((tmp_path / "numbers.json").read_text())
+    assert content == json.loads((tmp_path / "out" / "bound.json").read_text())
+    assert content.keys() == {"parameters", "noise", "samples", "findings", "warnings", "provenance"}
+    assert {x["name"] for x in content["parameters"]} == {"M", "Fv", "Fc", "offset"}
+    for case in content["parameters"]:
+        assert case.keys() == KEYS
+        assert case["std"].keys() == {"now", "bit", "torque", "twice", "longer"}
+        assert case["std"]["longer"] == pytest.approx(case["std"]["now"] / 2)
+        assert case["std"]["bit"] <= case["std"]["now"] * (1 + 1e-9)
+    assert content["noise"]["q"]["slider"] == pytest.approx(1e-5, rel=0.15)
+    assert content["noise"]["sensor"]["slider"] == pytest.approx(0.01, rel=0.5)
+    assert content["provenance"]["configuration"]["text"] == config.read_text()
     page = (tmp_path / "out" / "report.html").read_text()
     assert "http://" not in page.split("<script>")[0]
     assert page.count("<figure>") == 2
@@ -51,9 +51,9 @@ def test_given_noise_scales_the_bound(config: Path, tmp_path: Path) -> None:
     for q, tau in ((1e-5, 0.01), (1e-4, 0.1)):
         given = ("--sigma-q", q, "--sigma-tau", f"slider={tau}")
         succeed("bound", config, *given, "--json", tmp_path / "numbers.json")
-        found = json.loads((tmp_path / "numbers.json").read_text())
-        assert found["noise"]["from"] == {"positions": "as given", "torques": "as given"}
-        stds.append([one["std"]["now"] for one in found["parameters"]])
+        content = json.loads((tmp_path / "numbers.json").read_text())
+        assert content["noise"]["from"] == {"positions": "as given", "torques": "as given"}
+        stds.append([x["std"]["now"] for x in content["parameters"]])
     assert stds[1] == pytest.approx([10 * x for x in stds[0]], rel=1e-6)
 
 

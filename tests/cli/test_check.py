@@ -23,7 +23,7 @@ def test_a_sound_configuration(tmp_path: Path) -> None:
     assert done.output.endswith("identify.yaml: No errors and no warnings.\n")
     ((name, told),) = json.loads((tmp_path / "out" / "found.json").read_text()).items()
     assert name.endswith("identify.yaml")
-    assert [one["topic"] for one in told["findings"]] == ["time offset"]
+    assert [x["topic"] for x in told["findings"]] == ["time offset"]
     assert told["logs"]["log"]["rate"] == pytest.approx(500)
     assert told["joints"][0]["peak_speed"] == pytest.approx(0.9, rel=0.05)
     assert told["rank"]["on_data"] == 4

@@ -31,7 +31,7 @@ def test_a_comparison_is_printed_and_written(project: Path, tmp_path: Path) -> N
     assert len(said.splitlines()) <= 12
     assert "predicts the torque best: mean joint error" in said.splitlines()[-1]
     assert "yours" in said
-    assert {one.name for one in out.iterdir()} == {"report.html", "compare.json", "compare.parquet"}
+    assert {path.name for path in out.iterdir()} == {"report.html", "compare.json", "compare.parquet"}
     assert json.loads(numbers.read_text()) == json.loads((out / "compare.json").read_text())
 
 

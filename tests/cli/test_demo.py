@@ -20,7 +20,7 @@ def folder(tmp_path: Path) -> Path:
 
 def test_the_draft_needs_no_answer_and_leaves_tilt_and_terms_to_the_data(folder: Path) -> None:
     draft, tables = draft_from_files(str(folder / "arm.urdf"), [str(folder / name) for name in LOGS], folder)
-    assert [*draft.questions, *draft.blanks, *draft.notes, *(note for one in tables for note in one.notes)] == []
+    assert [*draft.questions, *draft.blanks, *draft.notes, *(note for table in tables for note in table.notes)] == []
     project = parse_project(draft.text + (folder / "controller.yaml").read_text(), folder / "robot.yaml")
     logs, warnings = project.logs()
     assert (project.recipe.base_tilt, project.recipe.terms) == ("estimate", "auto")
@@ -39,4 +39,4 @@ def test_a_file_of_the_user_is_not_replaced(folder: Path, name: str, text: str) 
 
 def test_the_files_alone_can_be_had(tmp_path: Path) -> None:
     succeed("demo", "--files", "--out", tmp_path / "my arm")
-    assert {*LOGS, "arm.urdf", "controller.yaml", "meshes"} == {one.name for one in (tmp_path / "my arm").iterdir()}
+    assert {*LOGS, "arm.urdf", "controller.yaml", "meshes"} == {path.name for path in (tmp_path / "my arm").iterdir()}

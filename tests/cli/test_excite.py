@@ -36,20 +36,20 @@ def designed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def record(folder: Path) -> None:
     """Record both motions on the arm of the robot file, with friction and noise of which the file knows nothing."""
     model = dy.read_robot(folder / "two.urdf")
-    theta = [FRICTION[one.role] if one.value is None else one.value for one in model.parameters]
+    theta = [FRICTION[parameter.role] if parameter.value is None else parameter.value for parameter in model.parameters]
     rng = np.random.default_rng(0)
     for stem in ("motion", "validation"):
-        one = np.load(folder / "out" / f"{stem}.npz")
-        tau = model.torque(one["q"], one["dq"], one["ddq"], theta)
-        q = one["q"] + 1e-5 * rng.standard_normal(one["q"].shape)
-        rows = np.column_stack([one["t"], q, tau + 0.05 * rng.standard_normal(tau.shape)])
+        case = np.load(folder / "out" / f"{stem}.npz")
+        tau = model.torque(case["q"], case["dq"], case["ddq"], theta)
+        q = case["q"] + 1e-5 * rng.standard_normal(case["q"].shape)
+        rows = np.column_stack([case["t"], q, tau + 0.05 * rng.standard_normal(tau.shape)])
         head = "t,q_lift,q_bend,tau_lift,tau_bend"
         np.savetxt(folder / "out" / f"{stem}_recorded.csv", rows, delimiter=",", header=head, comments="")
 
 
 def test_everything_is_written(designed: Path) -> None:
     out, printed = designed / "out", (designed / "printed").read_text()
-    assert {one.name for one in out.iterdir()} == FILES | {
+    assert {path.name for path in out.iterdir()} == FILES | {
         "play_trajectory.py",
         "identify.yaml",
         "excite.json",
@@ -60,13 +60,13 @@ def test_everything_is_written(designed: Path) -> None:
     assert len(printed.splitlines()) <= 12
     assert printed.splitlines()[-1].startswith("An optimised motion, ")
     assert "No floor is given" not in printed
-    found = json.loads((out / "excite.json").read_text())
-    assert found["format"] == "dynident-excite"
-    assert found["settings"]["floor"] == -2
-    assert found["duration"]["motion"] <= 10
-    assert found["noise"]["from"] == "rule"
-    assert found["noise"]["sigma"] == pytest.approx({"lift": 0.4, "bend": 0.15})
-    for checked in found["checked"].values():
+    content = json.loads((out / "excite.json").read_text())
+    assert content["format"] == "dynident-excite"
+    assert content["settings"]["floor"] == -2
+    assert content["duration"]["motion"] <= 10
+    assert content["noise"]["from"] == "rule"
+    assert content["noise"]["sigma"] == pytest.approx({"lift": 0.4, "bend": 0.15})
+    for checked in content["checked"].values():
         assert max(max(joints.values()) for joints in checked["share_of_limits"].values()) <= 1 + 1e-6
         assert checked["nearest"]["links"]["distance"] > 0.01
     page = (out / "report.html").read_text()
@@ -103,14 +103,14 @@ def test_recordings_of_it_are_checked_and_identified_and_tell_what_was_announced
     done = succeed("identify", config, "--out", designed / "result", "--workers", 1, "-v")
     assert "To design what to record next" in done.output
     announced = {
-        one["name"]: one["std"]
-        for one in json.loads((designed / "out" / "excite.json").read_text())["expected"]["parameters"]
+        x["name"]: x["std"]
+        for x in json.loads((designed / "out" / "excite.json").read_text())["expected"]["parameters"]
     }
-    found = dy.load(designed / "result" / "result.json")
-    assert found.validations[-1].errors.relative_error < 5
-    k = found.estimate.names.index("Fv_bend")
-    assert found.estimate.value[k] == pytest.approx(1.0, abs=0.01)
-    assert found.errors.std[k] == pytest.approx(announced["Fv_bend"] * 0.05 / 0.15, rel=0.5)  # the noise was less
+    result = dy.load(designed / "result" / "result.json")
+    assert result.validations[-1].errors.relative_error < 5
+    k = result.estimate.names.index("Fv_bend")
+    assert result.estimate.value[k] == pytest.approx(1.0, abs=0.01)
+    assert result.errors.std[k] == pytest.approx(announced["Fv_bend"] * 0.05 / 0.15, rel=0.5)  # the noise was less
     again = succeed("excite", designed / "result" / "result.json", "-o", designed / "next", *QUICK, "-v")
     assert "Together with what was recorded before" in again.output
     assert "the residual of the result" in again.output
@@ -154,7 +154,7 @@ def test_the_report_of_another_command_is_not_replaced(tmp_path: Path) -> None:
         *QUICK,
         says="report.html: is the report of another command",
     )
-    assert [one.name for one in (tmp_path / "out").iterdir()] == ["report.html"]
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["report.html"]
     assert (tmp_path / "out" / "report.html").read_text() == "of identify"
 
 
@@ -163,7 +163,7 @@ def test_from_python_nothing_is_written_unless_it_is_asked_for(tmp_path: Path, m
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(ExcitationProject, "design", lambda project, *_: project.request.duration)
     assert dy.excite("two.urdf", duration=14) == 14
-    assert [one.name for one in tmp_path.iterdir()] == ["two.urdf"]
+    assert [path.name for path in tmp_path.iterdir()] == ["two.urdf"]
     with pytest.raises(ConfigError, match="unknown key 'durations'"):
         dy.excite("two.urdf", durations=3)
 

@@ -32,7 +32,7 @@ def test_a_fleet_is_identified_reported_and_known_the_next_time(fleet: Path) -> 
     assert code == 0, said
     assert said.splitlines()[-1].startswith("fleet: 4 logs of 2 robots")
     assert "the date '2026-02-30' of logs/arm-1/2026-02-30.csv cannot be read" in " ".join(said.split())
-    assert {one.name for one in out.iterdir()} == {"fleet.parquet", "report.html", "recipe.yaml", "fleet.json"}
+    assert {path.name for path in out.iterdir()} == {"fleet.parquet", "report.html", "recipe.yaml", "fleet.json"}
     code, said = run_command(fleet, "--out", out, "--workers", "1")
     assert code == 0, said
     assert "Logs identified now: 1; known before: 3." in said

@@ -32,9 +32,9 @@ class TestIdentify:
         write_log(tmp_path)
         done = succeed("identify", configure(tmp_path), "--out", tmp_path / "out", "-v")
         result = json.loads((tmp_path / "out" / "result.json").read_text())
-        found = {one["name"]: one for one in result["parameters"]}
+        actual = {x["name"]: x for x in result["parameters"]}
         for name, true in {"M": 5.0, "Fv": 8.0, "Fc": 3.0, "offset": 0.5}.items():
-            assert abs(found[name]["value"] - true) < max(6 * found[name]["std_independent"], 0.02), name
+            assert abs(actual[name]["value"] - true) < max(6 * actual[name]["std_independent"], 0.02), name
         assert result["estimate"]["determined"]["rank"] == 4
         train, held = errors_by_log(result, "train"), errors_by_log(result, "validation")
         assert len(train) == len(held) == 1
@@ -288,8 +288,8 @@ class TestWriteConfig:
         again = succeed("identify", tmp_path / "b" / "fixed.yaml", "--out", tmp_path / "c", "-v")
         assert "Terms chosen" not in again.output
         assert "--write-config" not in again.output
-        found = [json.loads((tmp_path / one / "result.json").read_text()) for one in "ac"]
-        errors = [errors_by_log(one, "validation") for one in found]
+        result = [json.loads((tmp_path / x / "result.json").read_text()) for x in "ac"]
+        errors = [errors_by_log(x, "validation") for x in result]
         assert errors[0] == errors[1]
         report = (tmp_path / "a" / "report.html").read_text()
         assert "Friction and other terms" in report

@@ -33,8 +33,8 @@ from tests.runtime.jobs.work import process
 
 
 def completed(words: list[str], incomplete: str) -> list[tuple[str, str]]:
-    found = ShellComplete(main, {}, "dynident", "_DYNIDENT_COMPLETE").get_completions(words, incomplete)
-    return [(one.type, str(one.value)) for one in found]
+    completions = ShellComplete(main, {}, "dynident", "_DYNIDENT_COMPLETE").get_completions(words, incomplete)
+    return [(x.type, str(x.value)) for x in completions]
 
 
 def test_files_and_folders_are_left_to_the_shell() -> None:

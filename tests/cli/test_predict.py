@@ -41,30 +41,32 @@ def arm(folder: Path) -> Path:
 class TestIdentify:
     def test_the_robot_file_is_proven_and_written(self, arm: Path) -> None:
         result = json.loads((arm / "result.json").read_text())
-        files = {one["file"]: one for one in result["report"]["exports"]}
+        files = {x["file"]: x for x in result["report"]["exports"]}
         assert files.keys() == {"arm.identified.urdf", "parameters.yaml", "model.py"}
-        for name, one in files.items():
+        for name, case in files.items():
             assert (arm / name).exists()
-            assert one["proven"]
-            assert one["agreement"] <= 1e-8
+            assert case["proven"]
+            assert case["agreement"] <= 1e-8
         robot = files["arm.identified.urdf"]
         assert robot["readers"].keys() == {"Pinocchio", "dynident"}
         assert any(words.startswith("offset_elbow") for words in robot["left_out"])
-        found = {one["name"]: one["value"] for one in result["parameters"]}
+        actual = {x["name"]: x["value"] for x in result["parameters"]}
         again = RigidBodies((arm / "arm.identified.urdf").read_text())
         # the rotor that only its sum with a link's inertia shows is part of that link: the torque is the same
         left = {line.split(" = ")[0]: float(line.split()[2]) for line in robot["left_out"] if line.startswith("Ia_")}
         assert left.keys() == {"Ia_elbow"}
         bodies = RigidBodies(URDF)
-        rotors = tuple(name.removeprefix("Ia_") for name in found if name.startswith("Ia_"))  # that were chosen
+        rotors = tuple(name.removeprefix("Ia_") for name in actual if name.startswith("Ia_"))  # that were chosen
         model = Model((bodies, RotorInertia(bodies.joints, on=rotors)))
-        written = [one.value for one in again.parameters] + [left.get(f"Ia_{joint}", 0.0) for joint in rotors]
+        written = [parameter.value for parameter in again.parameters] + [
+            left.get(f"Ia_{joint}", 0.0) for joint in rotors
+        ]
         states = np.random.default_rng(0).uniform(-3, 3, (3, 50, 2))
-        torque = model.torque(*states, [found[name] for name in model.names])
+        torque = model.torque(*states, [actual[name] for name in model.names])
         np.testing.assert_allclose(model.torque(*states, written), torque, rtol=0, atol=1e-5 * np.abs(torque).max())
-        assert [one["role"] for one in robot["errors"]] == ["train", "validation"]
-        assert all(one["file"] > one["model"] for one in robot["errors"])
-        assert again.damping["elbow"] == found["Fv_elbow"]
+        assert [x["role"] for x in robot["errors"]] == ["train", "validation"]
+        assert all(x["file"] > x["model"] for x in robot["errors"])
+        assert again.damping["elbow"] == actual["Fv_elbow"]
         assert "arm.identified.urdf" in (arm / "report.html").read_text()
 
     def test_what_is_impossible_or_not_proven_leaves_no_file(
@@ -76,7 +78,7 @@ class TestIdentify:
         monkeypatch.setattr(Yaml, "write", lambda self, one: replace(make(self, one), text="parameters: []"))
         model = {"file": "arm.urdf", "terms": ["viscous", "coulomb", "offset"]}
         result = identify(again.parent, estimator={"kind": "least_squares"}, model=model)
-        files = {one["format"]: one for one in result["report"]["exports"]}
+        files = {x["format"]: x for x in result["report"]["exports"]}
         for kind, refusal in (("urdf", "kind: consistent"), ("yaml", "cannot read it")):
             assert not files[kind]["proven"]
             assert refusal in files[kind]["refusal"]
@@ -106,9 +108,9 @@ class TestPredict:
         for name in (bare, arm.parent / "tuesday.csv"):
             done = succeed("predict", arm / "result.json", name, "--out", arm.parent / f"{name.stem}.parquet")
             assert "Warning" not in done.output
-        one, other = (pl.read_parquet(arm.parent / f"{stem}.parquet") for stem in ("bare", "tuesday"))
-        assert one["predicted_elbow"].equals(other["predicted_elbow"])
-        assert one["measured_elbow"].is_null().all()
+        first, second = (pl.read_parquet(arm.parent / f"{stem}.parquet") for stem in ("bare", "tuesday"))
+        assert first["predicted_elbow"].equals(second["predicted_elbow"])
+        assert first["measured_elbow"].is_null().all()
         refuse("predict", arm / "result.json", bare, says="--out")
 
     def test_some_torques_are_no_torques_at_all(self, arm: Path) -> None:
@@ -182,12 +184,12 @@ class TestExport:
     @pytest.mark.parametrize("kind", ["urdf", "numpy", "yaml"])
     def test_it_writes_what_identify_does(self, arm: Path, kind: str) -> None:
         files = json.loads((arm / "result.json").read_text())["report"]["exports"]
-        (name,) = (one["file"] for one in files if one["format"] == kind)
+        (name,) = (x["file"] for x in files if x["format"] == kind)
         done = succeed("export", arm / "result.json", "--format", kind, "--out", arm / "again", "-q")
         assert done.output.splitlines() == [f"Model: {(arm / 'again').resolve()}"]
         if kind == "yaml":
-            one, other = (yaml.safe_load((arm / file).read_text())["parameters"] for file in ("again", name))
-            assert one == other
+            first, second = (yaml.safe_load((arm / file).read_text())["parameters"] for file in ("again", name))
+            assert first == second
         else:
             assert (arm / "again").read_bytes() == (arm / name).read_bytes()
 

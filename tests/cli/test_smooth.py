@@ -39,8 +39,8 @@ class TestSmooth:
         assert ("as its name says" in done.output) is (factor > 1 and not options)
         table = pl.read_csv(tmp_path / "out" / "smoothed.csv")
         np.testing.assert_array_equal(table[name], pl.read_csv(log)[name])
-        found = table["d_pos"].to_numpy() - 0.9 * np.cos(3 * table[name].to_numpy() / factor)
-        assert np.abs(found[100:-100]).max() < 0.01
+        result = table["d_pos"].to_numpy() - 0.9 * np.cos(3 * table[name].to_numpy() / factor)
+        assert np.abs(result[100:-100]).max() < 0.01
 
     def test_dates_are_read_in_seconds(self, tmp_path: Path) -> None:
         log = write_log(tmp_path)

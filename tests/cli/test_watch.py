@@ -76,7 +76,7 @@ def test_standard_input_is_watched_as_json_lines(slider: Path) -> None:
     words = ["watch", str(slider), "-", "--json", *map(str, SETTINGS)]
     done = CliRunner().invoke(main, words, input="\n".join(objects))
     assert done.exit_code == 0, done.output
-    events = {one["event"]: one for one in map(json.loads, done.stdout.splitlines())}
+    events = {x["event"]: x for x in map(json.loads, done.stdout.splitlines())}
     assert list(events) == ["BaselineKnown", "Alarm", "Changed", "BadLines"]
     assert events["BadLines"]["line"] == 3001
     assert events["BadLines"]["text"] == "no object"

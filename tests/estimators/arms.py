@@ -65,15 +65,15 @@ def problem(
     t = np.linspace(0.0, seconds, samples)
     phase, rate = rng.uniform(0, 6, (4, 6)), speed * rng.uniform(0.5, 2.5, (4, 6))
     angle = [rate[k] * t[:, None] + phase[k] for k in range(4)]
-    q = sum((0.3 * np.sin(one) for one in angle), np.zeros((samples, 6)))
-    dq = sum((0.3 * rate[k] * np.cos(one) for k, one in enumerate(angle)), np.zeros((samples, 6)))
-    ddq = sum((-0.3 * rate[k] ** 2 * np.sin(one) for k, one in enumerate(angle)), np.zeros((samples, 6)))
-    tau = truth.torque(q, dq, ddq, np.array([one.value for one in truth.parameters], dtype=float))
+    q = sum((0.3 * np.sin(x) for x in angle), np.zeros((samples, 6)))
+    dq = sum((0.3 * rate[k] * np.cos(x) for k, x in enumerate(angle)), np.zeros((samples, 6)))
+    ddq = sum((-0.3 * rate[k] ** 2 * np.sin(x) for k, x in enumerate(angle)), np.zeros((samples, 6)))
+    tau = truth.torque(q, dq, ddq, np.array([parameter.value for parameter in truth.parameters], dtype=float))
     rms = tau.std(axis=0)
     unlike = 0.05 * np.sin(17 * q) + 0.03 * rng.standard_normal(q.shape)
     tau = tau + rms * (0.1 * dq + 0.1 * np.sign(dq) + wrong * unlike)
     model = Model((bodies, Viscous(bodies.joints), Coulomb(bodies.joints), Offset(bodies.joints)))
-    motion = Motion(t, q, dq, ddq, tau, tuple(one.name for one in bodies.joints), np.ones(samples, bool))
+    motion = Motion(t, q, dq, ddq, tau, tuple(x.name for x in bodies.joints), np.ones(samples, bool))
     return Problem(model, (motion,), Regression(model, (motion,)))
 
 

@@ -32,7 +32,7 @@ def noisy(noise: Whitening, seed: int, samples: int = 1500, model: Model = ARM, 
     """The problem of exact motions and a torque with noise."""
     rng = np.random.default_rng(seed)
     exact = [multisine_motion(model, samples=samples, seed=k) for k in range(count)]
-    return make_problem(model, *(replace(one, tau=one.tau + drawn(noise, samples, rng)) for one in exact))
+    return make_problem(model, *(replace(x, tau=x.tau + drawn(noise, samples, rng)) for x in exact))
 
 
 def bound(noise: Whitening, samples: int = 1500) -> Array:
@@ -44,6 +44,6 @@ def bound(noise: Whitening, samples: int = 1500) -> Array:
 
 def repeated(noise: Whitening, estimator: Estimator, runs: int) -> tuple[Array, Array]:
     """The errors (runs, p) of an estimator, and its standard errors."""
-    found = [estimator(noisy(noise, seed)) for seed in range(runs)]
+    result = [estimator(noisy(noise, seed)) for seed in range(runs)]
     assert ARM.values is not None
-    return np.stack([one.value for one in found]) - ARM.values, np.stack([one.std for one in found])
+    return np.stack([x.value for x in result]) - ARM.values, np.stack([x.std for x in result])

@@ -25,8 +25,8 @@ def loop(samples: int, kp: float = 400.0, kd: float = 80.0) -> PD:
     """A PD loop with a multisine as reference; it is stable for the mass unless its gains are negative."""
     t = STEP * np.arange(samples)
     reference = 0.1 * np.sin(2.0 * t) + 0.05 * np.sin(5.3 * t) + 0.02 * np.sin(11.0 * t)
-    one = np.ones(1)
-    return PD(("slider",), t, reference[:, None], kp * one, kd * one, one, np.inf * one, np.zeros((samples, 1)))
+    ones = np.ones(1)
+    return PD(("slider",), t, reference[:, None], kp * ones, kd * ones, ones, np.inf * ones, np.zeros((samples, 1)))
 
 
 def driven(samples: int = 2000) -> tuple[Motion, PD]:

@@ -54,10 +54,10 @@ def recorded(seed: int, samples: int = 801) -> Problem:
 
 def test_as_maximum_likelihood():
     problem = recorded(0)
-    found, best = AugmentedKalman()(problem), MaximumLikelihood()(problem)
-    assert (np.abs(found.value - best.value) < 3 * found.std).all()
-    assert (found.std > 0.7 * best.std).all()
-    assert found.information is not None
+    result, best = AugmentedKalman()(problem), MaximumLikelihood()(problem)
+    assert (np.abs(result.value - best.value) < 3 * result.std).all()
+    assert (result.std > 0.7 * best.std).all()
+    assert result.information is not None
 
 
 def test_intervals_hold():
@@ -65,30 +65,30 @@ def test_intervals_hold():
     inside = []
     for seed in range(8):
         problem = recorded(seed, 401)
-        found = AugmentedKalman(passes=1)(problem)
-        inside.append(np.abs(found.value - problem.model.values) < 1.96 * found.std)
+        result = AugmentedKalman(passes=1)(problem)
+        inside.append(np.abs(result.value - problem.model.values) < 1.96 * result.std)
     assert np.mean(inside) > 0.75  # of 16: 3.7 standard deviations below 0.95
 
 
 def test_two_links_are_as_exact_as_by_least_squares():
     problem = noisy(1)
-    found, plain = AugmentedKalman()(problem), LeastSquares(weights="per_joint")(problem)
-    assert (np.abs(found.value - truth(ARM)) < 4 * found.std).all()
-    assert (np.abs(found.std / plain.std - 1.2) < 0.5).all()
+    result, plain = AugmentedKalman()(problem), LeastSquares(weights="per_joint")(problem)
+    assert (np.abs(result.value - truth(ARM)) < 4 * result.std).all()
+    assert (np.abs(result.std / plain.std - 1.2) < 0.5).all()
 
 
 def test_only_directions_that_the_data_determine():
     model = ARM.with_terms(RotorInertia(ARM.joints))
-    found = AugmentedKalman(passes=1)(make_problem(model, multisine_motion(ARM, 0.05, samples=400)))
-    assert found.determined.rank < len(model.names)
-    assert np.isinf(found.std).any()
+    result = AugmentedKalman(passes=1)(make_problem(model, multisine_motion(ARM, 0.05, samples=400)))
+    assert result.determined.rank < len(model.names)
+    assert np.isinf(result.std).any()
 
 
 def test_too_few_passes_are_said():
     start = noisy(2, 400)
     far = replace(start.motions[0], ddq=1.1 * start.motions[0].ddq)  # least squares is far off
-    found = AugmentedKalman(passes=1)(make_problem(ARM, far))
-    assert isinstance(found.notes[0], StillMoving)
+    result = AugmentedKalman(passes=1)(make_problem(ARM, far))
+    assert isinstance(result.notes[0], StillMoving)
 
 
 def test_divergence_is_said():
@@ -111,29 +111,29 @@ def test_terms_that_remember_are_refused():
 def test_steps_have_the_torque_of_their_samples(samples):
     motion = multisine_motion(ARM)
     problem = make_problem(ARM, motion)
-    found = series_of(problem, samples, np.ones(2), (np.zeros((2000, 2)),), (motion.tau,))
+    result = series_of(problem, samples, np.ones(2), (np.zeros((2000, 2)),), (motion.tau,))
     group = group_size(motion, samples)
     assert group == (1 if samples == 4000 else 4)
-    assert found.active.all(axis=1).any()
+    assert result.active.all(axis=1).any()
     h = motion.t[1]
-    np.testing.assert_allclose(found.step, group * h)
-    np.testing.assert_array_equal(found.offset, 0.0)  # the positions of the motion are those that were measured
-    np.testing.assert_allclose(found.motion[2, 0, 0], (motion.dq[group] - motion.dq[0]) / (group * h))
-    whole = (found.mean[0] * found.active[0, :, None]).sum(axis=0) * group * h
-    rows = int(found.active[0].sum()) * group
-    np.testing.assert_allclose(whole, np.trapezoid(motion.tau[: rows + 1], dx=h, axis=0), atol=1e-3)
-    np.testing.assert_allclose(found.noise, 1 / np.sqrt(group))
+    np.testing.assert_allclose(result.step, group * h)
+    np.testing.assert_array_equal(result.offset, 0.0)  # the positions of the motion are those that were measured
+    np.testing.assert_allclose(result.motion[2, 0, 0], (motion.dq[group] - motion.dq[0]) / (group * h))
+    full = (result.mean[0] * result.active[0, :, None]).sum(axis=0) * group * h
+    rows = int(result.active[0].sum()) * group
+    np.testing.assert_allclose(full, np.trapezoid(motion.tau[: rows + 1], dx=h, axis=0), atol=1e-3)
+    np.testing.assert_allclose(result.noise, 1 / np.sqrt(group))
 
 
 def test_torques_that_are_not_fitted_hardly_count():
     motion = multisine_motion(ARM)
     keep = np.ones((2000, 2), dtype=bool)
     keep[:200, 1] = False
-    found = series_of(
+    result = series_of(
         make_problem(ARM, replace(motion, keep=keep)), 4000, np.ones(2), (np.zeros((2000, 2)),), (motion.tau,)
     )
-    assert (found.noise[0, :100, 1] > 99).all()
-    assert (found.noise[0, :100, 0] == 1).all()
+    assert (result.noise[0, :100, 1] > 99).all()
+    assert (result.noise[0, :100, 0] == 1).all()
 
 
 def test_too_short():
@@ -171,12 +171,12 @@ def simulated(x: np.ndarray, tau: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
 
 def test_derivatives_are_those_of_the_motion():
-    one = Dynamics(ARM, THETA, np.eye(7) * 1e-3, 0.0)
+    case = Dynamics(ARM, THETA, np.eye(7) * 1e-3, 0.0)
     x, tau = RNG.uniform(-1, 1, (1, 4)), RNG.standard_normal((1, 2))
     after = simulated(x, tau, THETA)
     middle = (x + after) / 2
     motion = np.stack([middle[:, :2], middle[:, 2:], (after - x)[:, 2:] / STEP[0]])
-    F, G, c = one.linearise(step_of(STEP, motion, tau - ARM.torque(*motion, THETA)))
+    F, G, c = case.linearise(step_of(STEP, motion, tau - ARM.torque(*motion, THETA)))
     np.testing.assert_allclose(c[0, :4], 0.0, atol=1e-4 * np.abs(after - x).max())
     for k in range(4):
         d = np.eye(4)[[k]] * 1e-4
@@ -212,18 +212,18 @@ def test_linear_case_is_least_squares():
     G = np.array([[0.005], [0.1], [0.0]])
     y = rng.standard_normal(steps)
     x, S = np.zeros((1, 3)), start[None]
-    for one in y:
+    for case in y:
         x, S, _ = correct_state(
-            (F @ x.T).T, lower_root(np.concatenate([F @ S, (noise * G)[None]], axis=2)), one[None, None], sigma
+            (F @ x.T).T, lower_root(np.concatenate([F @ S, (noise * G)[None]], axis=2)), case[None, None], sigma
         )
     # the unknowns: the first state and the noise of each step
     rows, right = [np.linalg.inv(start) @ np.eye(3, 3 + steps)], [np.zeros(3)]
     state = np.eye(3, 3 + steps)
-    for k, one in enumerate(y):
+    for k, case in enumerate(y):
         state = F @ state + G @ np.eye(3 + steps)[[3 + k]]
         rows += [np.eye(3 + steps)[[3 + k]] / noise, state[:1] / sigma]
-        right += [np.zeros(1), one / sigma]
+        right += [np.zeros(1), case / sigma]
     X = np.concatenate(rows)
-    found = np.linalg.lstsq(X, np.concatenate(right), rcond=None)[0]
-    np.testing.assert_allclose(x[0], state @ found, rtol=1e-9)
+    result = np.linalg.lstsq(X, np.concatenate(right), rcond=None)[0]
+    np.testing.assert_allclose(x[0], state @ result, rtol=1e-9)
     np.testing.assert_allclose(S[0] @ S[0].T, state @ np.linalg.inv(X.T @ X) @ state.T, rtol=1e-9)

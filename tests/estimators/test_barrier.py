@@ -39,13 +39,13 @@ def random_demand(rng: np.random.Generator) -> PsdConstraint:
 
 
 def test_along_directions_it_is_the_same_barrier(rng: np.random.Generator) -> None:
-    one, number = random_demand(rng), PsdConstraint(np.eye(4)[:1].reshape(1, 1, 1, 4))
+    case, number = random_demand(rng), PsdConstraint(np.eye(4)[:1].reshape(1, 1, 1, 4))
     origin, directions = np.array([9.0, 0.1, 0.2, 0.3]), rng.standard_normal((4, 2))
-    whole = Barrier((one, number), 0.3)
-    along = whole.restrict(origin, directions)
+    full = Barrier((case, number), 0.3)
+    along = full.restrict(origin, directions)
     y = np.array([0.1, -0.2])
-    assert along.value(y) == pytest.approx(whole.value(origin + directions @ y), rel=1e-12)
-    gradient, hessian = whole.derivatives(origin + directions @ y)
+    assert along.value(y) == pytest.approx(full.value(origin + directions @ y), rel=1e-12)
+    gradient, hessian = full.derivatives(origin + directions @ y)
     np.testing.assert_allclose(along.derivatives(y)[0], gradient @ directions, rtol=1e-10)
     np.testing.assert_allclose(along.derivatives(y)[1], directions.T @ hessian @ directions, rtol=1e-10)
     assert along.degree == 7
@@ -72,15 +72,15 @@ def test_what_acts_on_a_matrix_with_a_centre_is_bound_and_all_else_is_not() -> N
 
 def bodies(rng: np.random.Generator, count: int = 3) -> Barrier:
     """Return a barrier of pseudo-inertias (4, 4), ten numbers each, and of as many numbers that must be positive."""
-    v, found = 11 * count, []
+    v, result = 11 * count, []
     for k in range(count):
         slopes = np.zeros((4, 4, v))
         for at, (i, j) in enumerate(zip(*np.triu_indices(4), strict=True)):
             slopes[i, j, 10 * k + at] = slopes[j, i, 10 * k + at] = 1.0
         centre = rng.standard_normal((4, 6))
-        found.append(PsdConstraint(slopes[None], (centre @ centre.T)[None]))
-        found.append(PsdConstraint(np.eye(v)[10 * count + k].reshape(1, 1, 1, v)))
-    return Barrier(tuple(found), 1e-3)
+        result.append(PsdConstraint(slopes[None], (centre @ centre.T)[None]))
+        result.append(PsdConstraint(np.eye(v)[10 * count + k].reshape(1, 1, 1, v)))
+    return Barrier(tuple(result), 1e-3)
 
 
 def thin(barrier: Barrier, size: float) -> np.ndarray:

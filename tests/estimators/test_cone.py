@@ -21,20 +21,20 @@ ZERO, WHOLE = np.zeros(3), np.eye(3)
 def test_limits_hold_where_they_act_and_only_there() -> None:
     """x >= 1, y = 0.5, z <= 5: the first two act, and z is free at -2."""
     limit = interval_limit("bounds", XYZ, {0: (1.0, None), 1: (0.5, 0.5), 2: (None, 5.0)})
-    found = minimise(HESSIAN, COST, Constraints((limit,)), ZERO, WHOLE)
-    np.testing.assert_allclose(found.point, [1.0, 0.5, -2.0], atol=1e-6)
-    assert found.is_optimal
-    assert found.stationarity < 1e-7
-    assert found.gap < 1e-7
+    minimum = minimise(HESSIAN, COST, Constraints((limit,)), ZERO, WHOLE)
+    np.testing.assert_allclose(minimum.point, [1.0, 0.5, -2.0], atol=1e-6)
+    assert minimum.is_optimal
+    assert minimum.stationarity < 1e-7
+    assert minimum.gap < 1e-7
     shifted = minimise(HESSIAN, COST, Constraints((limit,)), np.array([-2.0, 0.5, 1.0]), np.diag([2.0, 1.0, 1.0]))
     np.testing.assert_allclose(shifted.point[:2], [1.5, 0.0], atol=1e-6)
 
 
 def test_the_optimality_conditions_are_relative_and_both_count() -> None:
-    found = minimise(HESSIAN, COST, Constraints(), ZERO, WHOLE)
-    assert replace(found, stationarity=0.9e-5, gap=0.9e-5).is_optimal
-    assert not replace(found, stationarity=1.1e-5).is_optimal
-    assert not replace(found, gap=1.1e-5).is_optimal
+    minimum = minimise(HESSIAN, COST, Constraints(), ZERO, WHOLE)
+    assert replace(minimum, stationarity=0.9e-5, gap=0.9e-5).is_optimal
+    assert not replace(minimum, stationarity=1.1e-5).is_optimal
+    assert not replace(minimum, gap=1.1e-5).is_optimal
 
 
 def test_constraints_that_contradict_each_other_are_named_and_no_others() -> None:
@@ -50,8 +50,8 @@ def test_the_nearest_feasible_point_keeps_the_slack() -> None:
     """The eigenvalue that is negative is lifted to the slack, the others stay."""
     slopes = np.zeros((1, 2, 2, 3))
     slopes[0, 0, 0, 0] = slopes[0, 1, 1, 1] = 1.0
-    found = nearest_feasible(np.array([2.0, -1.0, 7.0]), HESSIAN * np.eye(3), [slopes], [0.25])
-    np.testing.assert_allclose(found, [2.0, 0.25, 7.0], atol=1e-5)
+    result = nearest_feasible(np.array([2.0, -1.0, 7.0]), HESSIAN * np.eye(3), [slopes], [0.25])
+    np.testing.assert_allclose(result, [2.0, 0.25, 7.0], atol=1e-5)
     never = np.zeros((1, 1, 1, 3))
     with pytest.raises(ModelError, match="no parameters are physical"):
         nearest_feasible(np.ones(3), np.eye(3), [slopes, never], [0.0, 0.5])
@@ -83,6 +83,6 @@ def test_the_nearest_feasible_point_is_the_same_in_any_units() -> None:
     slopes[0, 0, 0, 0] = slopes[0, 1, 1, 1] = slopes[0, 0, 1, 2] = slopes[0, 1, 0, 2] = 1.0
     theta, unit = np.array([2.0, 1.0, 3.0]), np.array([1.0, 1e-5, 1.0])
     plain = nearest_feasible(theta, HESSIAN, [slopes], [0.1])
-    found = nearest_feasible(theta / unit, HESSIAN * np.outer(unit, unit), [slopes * unit], [0.1])
-    np.testing.assert_allclose(found * unit, plain, rtol=1e-5)
+    result = nearest_feasible(theta / unit, HESSIAN * np.outer(unit, unit), [slopes * unit], [0.1])
+    np.testing.assert_allclose(result * unit, plain, rtol=1e-5)
     assert np.linalg.eigvalsh(slopes @ plain)[0, 0] == pytest.approx(0.1, rel=1e-4)

@@ -39,13 +39,13 @@ Array = np.ndarray
 
 def unknown(model: Model) -> Model:
     """The model without its values, which may not be a start."""
-    known = (
-        replace(one, unknowns=tuple(replace(each, value=None) for each in one.unknowns))
-        if isinstance(one, Lagrangian)
-        else replace(one, values=None)
-        for one in model.terms
+    reference = (
+        replace(term, unknowns=tuple(replace(each, value=None) for each in term.unknowns))
+        if isinstance(term, Lagrangian)
+        else replace(term, values=None)
+        for term in model.terms
     )
-    return replace(model, terms=tuple(known))
+    return replace(model, terms=tuple(reference))
 
 
 def loud(model: Model, seed: int, noise: float = 1.0, samples: int = 200) -> Problem:
@@ -68,10 +68,10 @@ def test_all_are_tried_in_turn_and_the_first_that_works_is_taken() -> None:
             seen.append(theta)
             return "done" if len(seen) > count else Singular()
 
-        found = find_first_model(problem, FIRST, tried)
-        assert not isinstance(found, Failure)
-        assert found[1:] == ("done", kind)
-        np.testing.assert_array_equal(found[0], seen[-1])
+        first_model = find_first_model(problem, FIRST, tried)
+        assert not isinstance(first_model, Failure)
+        assert first_model[1:] == ("done", kind)
+        np.testing.assert_array_equal(first_model[0], seen[-1])
     assert find_first_model(problem, FIRST, lambda _: Singular()) is FIRST
 
 
@@ -81,12 +81,12 @@ def test_a_mass_matrix_by_the_least_change_of_the_torque() -> None:
         problem = loud(ARM, seed)
         plain = LeastSquares(weights="per_joint")(problem).value
         assert isinstance(massive(problem)(plain), Failure)
-        found = find_first_model(problem, FIRST, massive(problem))
-        assert not isinstance(found, Failure)
-        assert found[2] is FirstModel.MASS
-        left = problem.regression.triangular_factors.residual
-        weights = 1.0 / left(plain)
-        assert 1.0 < weights @ left(found[0]) / 2.0 < weights @ left(np.array(ARM.values)) / 2.0
+        first_model = find_first_model(problem, FIRST, massive(problem))
+        assert not isinstance(first_model, Failure)
+        assert first_model[2] is FirstModel.MASS
+        residual = problem.regression.triangular_factors.residual
+        weights = 1.0 / residual(plain)
+        assert 1.0 < weights @ residual(first_model[0]) / 2.0 < weights @ residual(np.array(ARM.values)) / 2.0
 
 
 def test_a_mass_matrix_of_six_joints_with_bodies() -> None:
@@ -103,8 +103,8 @@ def test_a_mass_matrix_of_six_joints_with_bodies() -> None:
 
     find_first_model(problem, FIRST, tried)
     assert isinstance(massive(problem)(seen[-1]), np.ndarray)
-    left = problem.regression.triangular_factors.residual
-    assert (left(seen[-1]) < 1.1 * left(seen[0])).all()
+    residual = problem.regression.triangular_factors.residual
+    assert (residual(seen[-1]) < 1.1 * residual(seen[0])).all()
 
 
 def test_no_mass_is_invented_where_the_data_contradict_it() -> None:
@@ -118,8 +118,8 @@ def test_no_mass_is_invented_where_the_data_contradict_it() -> None:
 def swung(seed: int, noise: float = 1.5) -> Problem:
     """A pendulum in a loop, with so much noise of the torque (N m) that least squares finds an inertia below zero."""
     arm, t = pendulum(), np.arange(501) * 0.01
-    path, still, one = 0.5 * np.sin(2 * t[:, None]), np.zeros((501, 1)), np.ones(1)
-    loop = PD(("pivot",), t, path, 4 * one, 0.4 * one, one, np.inf * one, still)
+    path, still, ones = 0.5 * np.sin(2 * t[:, None]), np.zeros((501, 1)), np.ones(1)
+    loop = PD(("pivot",), t, path, 4 * ones, 0.4 * ones, ones, np.inf * ones, still)
     begin = Motion(t, still, still, still, still, ("pivot",), np.ones(501, dtype=bool), "swing")
     run = simulate_recording(arm, np.array(arm.values), begin, loop)
     tau = run.tau + noise * np.random.default_rng(seed).standard_normal(still.shape)
@@ -132,10 +132,10 @@ def swung(seed: int, noise: float = 1.5) -> Problem:
 def test_all_that_simulate_begin_there_and_say_so(estimator: Estimator) -> None:
     problem = swung(0)
     assert LeastSquares()(problem).value[0] < 0
-    found = estimator(problem)
-    assert StartedElsewhere(FirstModel.MASS) in found.notes
+    estimate = estimator(problem)
+    assert StartedElsewhere(FirstModel.MASS) in estimate.notes
     if isinstance(estimator, OutputError):  # what is known of the loop is exact, and so are the positions
-        np.testing.assert_allclose(found.value, pendulum().values, rtol=1e-4)
+        np.testing.assert_allclose(estimate.value, pendulum().values, rtol=1e-4)
 
 
 PENDULUM = pendulum()
@@ -160,7 +160,7 @@ def test_begins_with_the_fit_that_is_nearest_when_simulated() -> None:
     assert LeastSquares()(problem).value[0] < 0.1 * TRUTH[0]
     steps: list[str] = []
     with progress_to(steps.append):
-        found = OutputError()(problem)
+        result = OutputError()(problem)
     assert steps[:4] == [
         "simulating first models (0 of 3)",
         "simulating first models (1 of 3)",
@@ -168,15 +168,15 @@ def test_begins_with_the_fit_that_is_nearest_when_simulated() -> None:
         "simulating (0 of 30)",
     ]
     assert steps[4] == "simulating (1 of 30)"
-    assert StartedElsewhere(FirstModel.SMOOTHED) in found.notes
-    np.testing.assert_allclose(found.value, TRUTH, rtol=2e-3)
+    assert StartedElsewhere(FirstModel.SMOOTHED) in result.notes
+    np.testing.assert_allclose(result.value, TRUTH, rtol=2e-3)
 
 
 def test_begins_with_least_squares_where_this_is_as_near() -> None:
     motion = swinging()
-    found = OutputError()(Problem(PENDULUM, (motion,), Regression(PENDULUM, (motion,))))
-    assert not [note for note in found.notes if isinstance(note, StartedElsewhere)]
-    np.testing.assert_allclose(found.value, TRUTH, rtol=1e-3)
+    result = OutputError()(Problem(PENDULUM, (motion,), Regression(PENDULUM, (motion,))))
+    assert not [note for note in result.notes if isinstance(note, StartedElsewhere)]
+    np.testing.assert_allclose(result.value, TRUTH, rtol=1e-3)
 
 
 def test_an_open_simulation_starts_from_positions_when_they_were_stamped() -> None:
@@ -206,8 +206,8 @@ def posed(swing: Recording, smoother: Smoother) -> Problem:
 
 def test_it_is_least_squares_of_the_other_motion(swing: Recording) -> None:
     expected = LeastSquares(weights="per_joint")(posed(swing, Spline(sigma=SIGMA))).value
-    found = fit_resmoothed(posed(swing, Difference("central")), Spline(sigma=SIGMA))
-    np.testing.assert_allclose(found, expected, rtol=0.02)  # the samples at the ends of differences do not count
+    resmoothed = fit_resmoothed(posed(swing, Difference("central")), Spline(sigma=SIGMA))
+    np.testing.assert_allclose(resmoothed, expected, rtol=0.02)  # the samples at the ends of differences do not count
 
 
 @pytest.fixture(scope="module")
@@ -231,9 +231,9 @@ def test_what_simulates_starts_there_where_the_first_model_has_no_mass(article_p
     model, plain = article_problem.model, LeastSquares(weights="per_joint")(article_problem).value
     assert not model.check_mass_matrix(q, plain).positive
     assert model.check_mass_matrix(q, fit_resmoothed(article_problem, KalmanSmoother())).positive
-    found = AugmentedKalman()(article_problem)
-    assert (found.value > 0).all()
-    assert (found.std > 0).all()
+    result = AugmentedKalman()(article_problem)
+    assert (result.value > 0).all()
+    assert (result.std > 0).all()
 
 
 def test_where_that_fails_too_the_first_error_stands(article_problem: Problem) -> None:

@@ -40,22 +40,22 @@ def test_is_not_biased_where_least_squares_is(kind: str) -> None:
     plain = LeastSquares()(posed(recorded(SHORT, None, 0, NOISE)))
     assert plain.value[0] - TRUTH[0] < -0.15 * TRUTH[0]
     assert (plain.value[0] - TRUTH[0]) / plain.std[0] < -10
-    found = runs(kind)
-    values = np.array([one.value for one in found])
+    result = runs(kind)
+    values = np.array([x.value for x in result])
     error = values.mean(axis=0) - TRUTH
     assert (np.abs(error) < 4 * values.std(axis=0, ddof=1) / np.sqrt(len(values))).all(), error
-    inside = np.array([np.abs(one.value - TRUTH) < 1.96 * one.std for one in found]).mean(axis=0)
+    inside = np.array([np.abs(x.value - TRUTH) < 1.96 * x.std for x in result]).mean(axis=0)
     assert (inside >= 0.95 - 4 * np.sqrt(0.95 * 0.05 / RUNS)).all(), inside
-    assert all(one.information is not None for one in found)
+    assert all(x.information is not None for x in result)
 
 
 @pytest.mark.parametrize("kind", ["simulated", "lagged"])
 def test_is_consistent(kind: str) -> None:
     """Four times the samples: the error of least squares stays, the standard error of instruments halves and holds."""
     loops = (CONTROLLER, LONGER) if kind == "simulated" else (None, None)
-    some = [posed(recorded(one, drive, 7, NOISE)) for one, drive in zip((SHORT, LONG), loops, strict=True)]
-    short, long = (InstrumentalVariables(kind)(one) for one in some)
-    plain = [LeastSquares()(one).value[0] - TRUTH[0] for one in some]
+    some = [posed(recorded(x, drive, 7, NOISE)) for x, drive in zip((SHORT, LONG), loops, strict=True)]
+    short, long = (InstrumentalVariables(kind)(x) for x in some)
+    plain = [LeastSquares()(x).value[0] - TRUTH[0] for x in some]
     assert plain[1] == pytest.approx(plain[0], rel=0.1)
     assert (long.std < 0.75 * short.std).all()
     assert (np.abs(long.value - TRUTH) < 4 * long.std).all()
@@ -74,19 +74,19 @@ def test_auto_takes_the_first_kind_that_a_recording_has() -> None:
 
 def test_says_what_was_used_and_what_became_of_least_squares() -> None:
     problem = posed(recorded(SHORT, CONTROLLER, 3, NOISE))
-    found = InstrumentalVariables()(problem)
-    (used,) = found.notes
+    result = InstrumentalVariables()(problem)
+    (used,) = result.notes
     assert isinstance(used, InstrumentsUsed)
     assert (used.parameter, used.lag) == ("M", None)
     assert 0.8 < used.correlation < 1.0
     plain = LeastSquares()(problem)
-    assert used.moved == pytest.approx(abs(found.value[0] - plain.value[0]) / found.std[0], rel=1e-6)
+    assert used.moved == pytest.approx(abs(result.value[0] - plain.value[0]) / result.std[0], rel=1e-6)
 
 
 def test_weak_instruments_are_said() -> None:
     """Long after a sample, nothing of a motion is left that its own noise exceeds tenfold."""
-    found = InstrumentalVariables("lagged", lag=1.5)(posed(recorded(SHORT, None, 1, 1e-4)))
-    assert any(isinstance(note, WeakInstruments) and note.parameter == "M" for note in found.notes)
+    result = InstrumentalVariables("lagged", lag=1.5)(posed(recorded(SHORT, None, 1, 1e-4)))
+    assert any(isinstance(note, WeakInstruments) and note.parameter == "M" for note in result.notes)
 
 
 def test_what_is_missing_is_named_with_the_way_to_give_it() -> None:
@@ -115,9 +115,9 @@ def test_a_loop_that_runs_away_is_an_error_or_the_next_kind() -> None:
     log, motion = recorded(SHORT, loop(len(SHORT), kp=-4e4, kd=-100.0), 6)
     with pytest.raises(InputError, match=r"log 6: .*position diverges after .* Check gains"):
         InstrumentalVariables("simulated")(posed((log, motion)))
-    found = InstrumentalVariables()(posed((log, motion)))
-    assert [type(note) for note in found.notes][:2] == [InstrumentsUsed, NotSimulated]
-    assert found.notes[0].kinds == (InstrumentKind.LAGGED,)
+    result = InstrumentalVariables()(posed((log, motion)))
+    assert [type(note) for note in result.notes][:2] == [InstrumentsUsed, NotSimulated]
+    assert result.notes[0].kinds == (InstrumentKind.LAGGED,)
 
 
 def test_a_first_model_that_fails_is_made_consistent() -> None:
@@ -126,26 +126,26 @@ def test_a_first_model_that_fails_is_made_consistent() -> None:
     log, motion = recorded(SHORT, loop(len(SHORT), kd=30.0), 8)
     bad = (log, replace(motion, tau=motion.tau - 60.0 * motion.dq))
     assert LeastSquares()(posed(bad, model=model)).value[1] < -30
-    found = InstrumentalVariables("simulated", iterations=1)(posed(bad, model=model))
-    assert InstrumentKind.SIMULATED in found.notes[0].kinds
-    assert not any(isinstance(note, NotSimulated) for note in found.notes)
+    result = InstrumentalVariables("simulated", iterations=1)(posed(bad, model=model))
+    assert InstrumentKind.SIMULATED in result.notes[0].kinds
+    assert not any(isinstance(note, NotSimulated) for note in result.notes)
 
 
 def test_an_iteration_that_is_cut_short_is_said() -> None:
-    found = InstrumentalVariables("simulated", iterations=1)(posed(recorded(SHORT, CONTROLLER, 2, 2e-5)))
-    assert [type(note) for note in found.notes] == [InstrumentsUsed, StillMoving]
-    assert not found.converged
+    result = InstrumentalVariables("simulated", iterations=1)(posed(recorded(SHORT, CONTROLLER, 2, 2e-5)))
+    assert [type(note) for note in result.notes] == [InstrumentsUsed, StillMoving]
+    assert not result.converged
 
 
 def test_identify_leaves_its_errors_of_the_motion_alone() -> None:
     """A time offset is undone in the loop of the controller; held for the torque, the motion comes out the same."""
     log, _ = recorded(SHORT, CONTROLLER, 9, 1e-6)
     recipe = Recipe(smoother=Spline(), estimator=InstrumentalVariables(), time_offset=0.0)
-    found = identify(MODEL, [log], recipe=recipe)
-    assert [type(note) for note in found.warnings if isinstance(note, InstrumentsUsed)] == [InstrumentsUsed]
-    assert (np.abs(found.estimate.value - TRUTH) < 4 * found.errors.std_independent + 0.01 * np.abs(TRUTH)).all()
-    late = replace(log, t=log.t + 0.01, controller=replace(CONTROLLER, t=CONTROLLER.t + 0.01))
-    shifted = Difference()(late).shift(-0.01)
-    used = InstrumentalVariables()(posed((late, shifted)))
+    result = identify(MODEL, [log], recipe=recipe)
+    assert [type(note) for note in result.warnings if isinstance(note, InstrumentsUsed)] == [InstrumentsUsed]
+    assert (np.abs(result.estimate.value - TRUTH) < 4 * result.errors.std_independent + 0.01 * np.abs(TRUTH)).all()
+    delayed = replace(log, t=log.t + 0.01, controller=replace(CONTROLLER, t=CONTROLLER.t + 0.01))
+    shifted = Difference()(delayed).shift(-0.01)
+    used = InstrumentalVariables()(posed((delayed, shifted)))
     assert isinstance(used.notes[0], InstrumentsUsed)
     assert used.notes[0].correlation > 0.95

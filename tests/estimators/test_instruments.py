@@ -37,10 +37,10 @@ def motion(seed: int, samples: int = 300, holes: bool = False) -> Motion:
     return Motion(0.01 * np.arange(samples), q, dq, ddq, tau, NAMES, mask, f"run {seed}", keep=keep)
 
 
-def noisy(one: Motion, seed: int, size: float = 0.3) -> Motion:
+def noisy(case: Motion, seed: int, size: float = 0.3) -> Motion:
     rng = np.random.default_rng(seed)
-    q, dq, ddq = (x + size * rng.standard_normal(x.shape) for x in (one.q, one.dq, one.ddq))
-    return replace(one, q=q, dq=dq, ddq=ddq)
+    q, dq, ddq = (x + size * rng.standard_normal(x.shape) for x in (case.q, case.dq, case.ddq))
+    return replace(case, q=q, dq=dq, ddq=ddq)
 
 
 def solved(rows: Regression, others: Regression, weights: np.ndarray = WEIGHTS):
@@ -63,38 +63,38 @@ def test_is_the_just_identified_solution_of_dense_matrices(low, monkeypatch: pyt
     monkeypatch.setattr(module, "BLOCK", 64)
     some = motion(1, holes=low is None), motion(2, 200)
     rows = Regression(ARM, some, Selection(low))
-    others = replace(rows, motions=tuple(noisy(one, 9) for one in some))
-    (X, y), (W, _) = (dense(one, WEIGHTS) for one in (rows, others))
-    found, _ = solved(rows, others)
-    np.testing.assert_allclose(found.value, np.linalg.solve(W.T @ X, W.T @ y), rtol=1e-9)
-    residual = (y - X @ found.value).reshape(-1, 2) / WEIGHTS
-    expected = np.square(residual).sum(axis=0) / found.rows
-    np.testing.assert_allclose(found.residual(found.to_basis(found.value)), expected, rtol=1e-9)
+    others = replace(rows, motions=tuple(noisy(x, 9) for x in some))
+    (X, y), (W, _) = (dense(x, WEIGHTS) for x in (rows, others))
+    result, _ = solved(rows, others)
+    np.testing.assert_allclose(result.value, np.linalg.solve(W.T @ X, W.T @ y), rtol=1e-9)
+    residual = (y - X @ result.value).reshape(-1, 2) / WEIGHTS
+    expected = np.square(residual).sum(axis=0) / result.rows
+    np.testing.assert_allclose(result.residual(result.to_basis(result.value)), expected, rtol=1e-9)
 
 
 def test_the_regressor_as_its_own_instrument_is_least_squares() -> None:
     rows = Regression(ARM, (motion(3),))
-    found, rank = solved(rows, rows)
+    result, rank = solved(rows, rows)
     factor, _ = weight_joints(rows.triangular_factors, WEIGHTS, ARM.parameters)
-    np.testing.assert_allclose(found.value, solve_least_squares(factor, rank).value, rtol=1e-12)
-    strength = found.strength(300.0)
+    np.testing.assert_allclose(result.value, solve_least_squares(factor, rank).value, rtol=1e-12)
+    strength = result.strength(300.0)
     assert strength.correlation == pytest.approx(1.0, abs=1e-9)
     assert strength.statistic > 1e6
 
 
 def test_the_covariance_is_that_of_dense_matrices_where_residuals_are_white() -> None:
     """A^-1 (sum_j w_j^4 s_j^2 W_j' W_j) A^-T, but for what the estimate of a long-run covariance scatters."""
-    one = motion(4, 20_000)
+    case = motion(4, 20_000)
     truth = np.array(ARM.values)
-    one = replace(one, tau=ARM.torque(one.q, one.dq, one.ddq, truth) + one.tau * (0.1, 3.0))
-    rows = Regression(ARM, (one,))
-    others = replace(rows, motions=(noisy(one, 5),))
-    found, rank = solved(rows, others)
+    case = replace(case, tau=ARM.torque(case.q, case.dq, case.ddq, truth) + case.tau * (0.1, 3.0))
+    rows = Regression(ARM, (case,))
+    others = replace(rows, motions=(noisy(case, 5),))
+    result, rank = solved(rows, others)
     given = [Instruments(others.motions[0], InstrumentKind.LAGGED)]
-    information, independent = score_information(found, rows, others, given, rank)
+    information, independent = score_information(result, rows, others, given, rank)
     (X, _), (W, _) = (dense(each, WEIGHTS) for each in (rows, others))
     bread = np.linalg.inv(W.T @ X)
-    weighted_rows = W * np.tile(WEIGHTS * (0.1, 3.0), len(one))[:, None]
+    weighted_rows = W * np.tile(WEIGHTS * (0.1, 3.0), len(case))[:, None]
     expected = bread @ (weighted_rows.T @ weighted_rows) @ bread.T
     std = np.sqrt(np.diag(np.linalg.inv(information)))
     np.testing.assert_allclose(std, np.sqrt(np.diag(expected)), rtol=0.25)
@@ -113,26 +113,33 @@ def test_what_the_data_do_not_determine_stays_so() -> None:
             Offset(joints),
         )
     )
-    one = motion(6)
+    case = motion(6)
     truth = np.arange(1.0, 11.0)
-    one = replace(one, tau=model.torque(one.q, one.dq, one.ddq, truth))
-    rows = Regression(model, (one,))
-    found, rank = solved(rows, replace(rows, motions=(noisy(one, 7),)))
+    case = replace(case, tau=model.torque(case.q, case.dq, case.ddq, truth))
+    rows = Regression(model, (case,))
+    result, rank = solved(rows, replace(rows, motions=(noisy(case, 7),)))
     assert rank.rank == 8
-    np.testing.assert_allclose(found.value[:4], [2.0, 3.0, 2.0, 3.0], rtol=1e-8)
-    np.testing.assert_allclose(found.value[4:], truth[4:], rtol=1e-8)
+    np.testing.assert_allclose(result.value[:4], [2.0, 3.0, 2.0, 3.0], rtol=1e-8)
+    np.testing.assert_allclose(result.value[4:], truth[4:], rtol=1e-8)
 
 
 def test_strength_is_the_smallest_correlation_and_its_direction() -> None:
     """An instrument of the offset is exact, that of the speed is nearly noise: F = N r^2 / (1 - r^2)."""
     joints = (Joint("joint1"), Joint("joint2"))
     model = Model((Viscous(joints), Offset(joints)))
-    one = motion(8, 4000)
-    other = replace(one, dq=one.dq * (0.1, 1.0) + np.random.default_rng(1).standard_normal(one.dq.shape) * (1.0, 0.01))
-    rows = Regression(model, (one,))
-    found, _ = solved(rows, replace(rows, motions=(other,)), np.ones(2))
-    strength = found.strength(4000.0)
-    r = float(np.sum(one.dq[:, 0] * other.dq[:, 0]) / np.linalg.norm(one.dq[:, 0]) / np.linalg.norm(other.dq[:, 0]))
+    test_motion = motion(8, 4000)
+    other = replace(
+        test_motion,
+        dq=test_motion.dq * (0.1, 1.0) + np.random.default_rng(1).standard_normal(test_motion.dq.shape) * (1.0, 0.01),
+    )
+    rows = Regression(model, (test_motion,))
+    result, _ = solved(rows, replace(rows, motions=(other,)), np.ones(2))
+    strength = result.strength(4000.0)
+    r = float(
+        np.sum(test_motion.dq[:, 0] * other.dq[:, 0])
+        / np.linalg.norm(test_motion.dq[:, 0])
+        / np.linalg.norm(other.dq[:, 0])
+    )
     assert strength.correlation == pytest.approx(abs(r), rel=0.1)
     assert strength.statistic == pytest.approx(4000 * strength.correlation**2 / (1 - strength.correlation**2))
     assert np.argmax(np.abs(strength.direction)) == 0
@@ -166,7 +173,7 @@ T = STEP * np.arange(400)
 
 def polynomial(seed: int = 0) -> Motion:
     p = np.polynomial.Polynomial(np.random.default_rng(seed).standard_normal(6))
-    q, dq, ddq = (one(T - 2.0)[:, None] for one in (p, p.deriv(), p.deriv(2)))
+    q, dq, ddq = (x(T - 2.0)[:, None] for x in (p, p.deriv(), p.deriv(2)))
     return Motion(T, q, dq, ddq, 0 * q, ("slider",), np.ones(len(T), dtype=bool))
 
 
@@ -175,11 +182,13 @@ def test_a_polynomial_of_degree_five_is_found_exactly() -> None:
     motion = polynomial()
     mask = np.abs(np.arange(len(T)) - 200) > 3
     gapped = Motion(T, motion.q, motion.dq, motion.ddq, motion.tau, motion.joints, mask)
-    found = lagged_instruments(slider(), gapped, None, None, 5 * STEP)
-    used = found.motion.mask
+    result = lagged_instruments(slider(), gapped, None, None, 5 * STEP)
+    used = result.motion.mask
     for name in ("q", "dq", "ddq"):
-        np.testing.assert_allclose(getattr(found.motion, name)[used], getattr(motion, name)[used], rtol=1e-5, atol=1e-4)
-    assert found.lag == 5 * STEP
+        np.testing.assert_allclose(
+            getattr(result.motion, name)[used], getattr(motion, name)[used], rtol=1e-5, atol=1e-4
+        )
+    assert result.lag == 5 * STEP
     away = np.abs(np.arange(len(T)) - 200)
     inside = (np.arange(len(T)) >= 6) & (np.arange(len(T)) < len(T) - 6)
     assert used[inside & (away > 9)].all()
@@ -214,7 +223,7 @@ def test_errors_of_accelerations_are_no_longer_correlated_from_the_lag_on() -> N
     """Those that a spline makes of white noise, of which chance leaves correlations of 0.02."""
     t, smoother = STEP * np.arange(20_000), Spline(Fixed(lam=1e-6))
     true, noise = np.sin(2 * t) + 0.3 * np.sin(7 * t), 1e-3 * np.random.default_rng(0).standard_normal(len(t))
-    log, clean = (Log(t, one[:, None], 0 * one[:, None], ("slider",)) for one in (true + noise, true))
+    log, clean = (Log(t, x[:, None], 0 * x[:, None], ("slider",)) for x in (true + noise, true))
     motion, exact = smoother(log), smoother(clean)
     k = round(lag_of(motion, log, None) / STEP)
     e = (motion.ddq - exact.ddq)[motion.mask, 0]

@@ -167,19 +167,19 @@ def test_estimate_says_which_parameters_cannot_be_distinguished() -> None:
     )
     noise = 0.1 * np.random.default_rng(1).normal(size=(100, 2))
     posed = problem(model, np.array([1.0, 2.0, 3.0, 4.0, 5.0]), noise, still=(1,))
-    found = LeastSquares()(posed)
-    assert found.names == ("v1", "offset_a", "offset_b", "v2", "Fc")
-    np.testing.assert_array_equal(np.isinf(found.std), [True, False, False, True, True])
-    assert found.determined.rank == 3
-    assert found.notes == (RankDeficient(3, 5, ("Fc",), (("v1", "v2"),)),)
-    assert found.converged
-    np.testing.assert_allclose(found.value[[0, 3, 4]], [2.5, 2.5, 0.0], atol=0.1)
+    result = LeastSquares()(posed)
+    assert result.names == ("v1", "offset_a", "offset_b", "v2", "Fc")
+    np.testing.assert_array_equal(np.isinf(result.std), [True, False, False, True, True])
+    assert result.determined.rank == 3
+    assert result.notes == (RankDeficient(3, 5, ("Fc",), (("v1", "v2"),)),)
+    assert result.converged
+    np.testing.assert_allclose(result.value[[0, 3, 4]], [2.5, 2.5, 0.0], atol=0.1)
     residual = posed.motions[0].tau - model.torque(
-        posed.motions[0].q, posed.motions[0].dq, posed.motions[0].ddq, found.value
+        posed.motions[0].q, posed.motions[0].dq, posed.motions[0].ddq, result.value
     )
     variance = np.sum(residual**2) / (200 - 3)
-    assert found.std[2] == pytest.approx(np.sqrt(variance / 100), rel=1e-10)
-    np.testing.assert_allclose(found.residual.sigma, np.sqrt(np.sum(residual**2, axis=0) / 99), rtol=1e-10)
+    assert result.std[2] == pytest.approx(np.sqrt(variance / 100), rel=1e-10)
+    np.testing.assert_allclose(result.residual.sigma, np.sqrt(np.sum(residual**2, axis=0) / 99), rtol=1e-10)
 
 
 def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
@@ -190,10 +190,10 @@ def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
     p, freedom = len(model.names), 200 - 7
     inside, distance = np.zeros((runs, p), dtype=bool), np.zeros(runs)
     for k in range(runs):
-        found = LeastSquares()(problem(model, model.values, sigma * rng.normal(size=(100, 2))))
-        error = found.value - model.values
-        inside[k] = np.abs(error) < student.ppf(0.975, freedom) * found.std
-        distance[k] = error @ np.linalg.solve(found.covariance, error)
+        result = LeastSquares()(problem(model, model.values, sigma * rng.normal(size=(100, 2))))
+        error = result.value - model.values
+        inside[k] = np.abs(error) < student.ppf(0.975, freedom) * result.std
+        distance[k] = error @ np.linalg.solve(result.covariance, error)
     assert (np.abs(inside.mean(axis=0) - 0.95) < 3 * np.sqrt(0.95 * 0.05 / runs)).all()
     expected = p * freedom / (freedom - 2)  # p times the mean of an F(p, freedom) variable
     assert abs(distance.mean() - expected) < 3 * distance.std() / np.sqrt(runs)
@@ -204,12 +204,12 @@ def test_the_weights_reported_are_those_of_the_fit(weights: Literal["equal", "pe
     """One over the noise of each joint, 0.1 and 1, where they are not equal; the value is the solution with them."""
     model = two_link_arm()
     posed = problem(model, np.asarray(model.values), np.random.default_rng(2).normal(size=(100, 2)) * (0.1, 1.0))
-    found, (motion,) = LeastSquares(weights=weights)(posed), posed.motions
-    assert (found.residual.weights is None) == (weights == "equal")
-    used = np.ones(2) if found.residual.weights is None else found.residual.weights
+    result, (motion,) = LeastSquares(weights=weights)(posed), posed.motions
+    assert (result.residual.weights is None) == (weights == "equal")
+    used = np.ones(2) if result.residual.weights is None else result.residual.weights
     Y = model.regressor(motion.q, motion.dq, motion.ddq) * used[:, None]
     expected = np.linalg.lstsq(Y.reshape(-1, 7), (motion.tau * used).ravel())[0]
-    np.testing.assert_allclose(found.value, expected, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(result.value, expected, rtol=1e-6, atol=1e-9)
     assert used[0] / used[1] == pytest.approx(1.0 if weights == "equal" else 10.0, rel=0.2)
 
 
@@ -217,23 +217,23 @@ PROBLEM = make_problem(two_link_arm(), multisine_motion(two_link_arm(), noise=0.
 
 
 def test_value_and_information_stand_for_rows() -> None:
-    found, rows = LeastSquares()(PROBLEM), LeastSquares().reduced(PROBLEM)
+    result, rows = LeastSquares()(PROBLEM), LeastSquares().reduced(PROBLEM)
     same = estimate_of(
-        PROBLEM, fit_from_information(found.value, np.linalg.inv(found.covariance), rows.directions, rows.total, ())
+        PROBLEM, fit_from_information(result.value, np.linalg.inv(result.covariance), rows.directions, rows.total, ())
     )
-    np.testing.assert_allclose(same.value, found.value, rtol=1e-12)
-    np.testing.assert_allclose(same.covariance, found.covariance, rtol=1e-9)
+    np.testing.assert_allclose(same.value, result.value, rtol=1e-12)
+    np.testing.assert_allclose(same.covariance, result.covariance, rtol=1e-9)
 
 
 def test_of_directions_that_are_not_determined_nothing_is_said() -> None:
     rows = LeastSquares().reduced(PROBLEM)
     information = np.diag([1.0, 4.0, 0.0, 1.0, 1.0, 1.0, 1.0])
     fit = fit_from_information(np.arange(7.0), information, rows.directions, 100, ())
-    found = estimate_of(PROBLEM, fit)
-    assert found.determined.rank == 6
-    assert np.isinf(found.std[2])
-    np.testing.assert_allclose(np.delete(found.std, 2), [1.0, 0.5, 1.0, 1.0, 1.0, 1.0], rtol=1e-9)
-    np.testing.assert_allclose(np.delete(found.value, 2), [0.0, 1.0, 3.0, 4.0, 5.0, 6.0], atol=1e-9)
+    of = estimate_of(PROBLEM, fit)
+    assert of.determined.rank == 6
+    assert np.isinf(of.std[2])
+    np.testing.assert_allclose(np.delete(of.std, 2), [1.0, 0.5, 1.0, 1.0, 1.0, 1.0], rtol=1e-9)
+    np.testing.assert_allclose(np.delete(of.value, 2), [0.0, 1.0, 3.0, 4.0, 5.0, 6.0], atol=1e-9)
 
 
 def test_only_linear_estimators_have_such_rows() -> None:

@@ -32,16 +32,16 @@ def series(x: np.ndarray, used: np.ndarray | None = None) -> ResidualSeries:
 def test_orders_and_coefficients_are_found() -> None:
     e = drawn(COLOURED, 20_000, np.random.default_rng(0))
     for j, expected in enumerate(COLOURED.coefficients):
-        found = autoregression(series(e[:, j]), 0, 20)
-        assert len(found) == len(expected)
-        np.testing.assert_allclose(found, expected, atol=4.5 / np.sqrt(20_000))
+        model = autoregression(series(e[:, j]), 0, 20)
+        assert len(model) == len(expected)
+        np.testing.assert_allclose(model, expected, atol=4.5 / np.sqrt(20_000))
 
 
 def test_gaps_do_not_count() -> None:
     rng = np.random.default_rng(1)
     e, used = drawn(COLOURED, 20_000, rng)[:, 0], rng.uniform(size=20_000) > 0.05
-    found = autoregression(series(np.where(used, e, 1e6), used), 0, 20)
-    np.testing.assert_allclose(found, COLOURED.coefficients[0], atol=0.05)
+    model = autoregression(series(np.where(used, e, 1e6), used), 0, 20)
+    np.testing.assert_allclose(model, COLOURED.coefficients[0], atol=0.05)
 
 
 @pytest.mark.parametrize("x", [np.ones(200), np.sin(np.arange(200)), np.arange(200.0), np.zeros(200), np.ones(3)])
@@ -70,22 +70,22 @@ def test_a_correlation_that_is_chance_is_none() -> None:
 
 
 def test_noise_that_two_joints_share_can_be_inverted() -> None:
-    found = shrink_correlation(np.ones((3, 3)), np.full((3, 3), 1000.0))
-    assert np.linalg.cond(found) < 1e4
+    result = shrink_correlation(np.ones((3, 3)), np.full((3, 3), 1000.0))
+    assert np.linalg.cond(result) < 1e4
 
 
 def test_the_noise_of_a_problem_is_that_of_its_joints() -> None:
     problem = noisy(COLOURED, 0, 20_000)
-    found = Residuals.of(problem.regression, ARM.values, np.zeros(2)).noise(20, 7)  # type: ignore[arg-type]
-    assert found.orders == (2, 1)
-    np.testing.assert_allclose(found.covariance, S, rtol=0.05)
+    result = Residuals.of(problem.regression, ARM.values, np.zeros(2)).noise(20, 7)  # type: ignore[arg-type]
+    assert result.orders == (2, 1)
+    np.testing.assert_allclose(result.covariance, S, rtol=0.05)
 
 
 def test_a_residual_of_rounding_is_no_noise() -> None:
     problem = noisy(COLOURED, 0)
-    found = Residuals.of(problem.regression, ARM.values, np.array([1.0, 0.0])).noise(20, 7)  # type: ignore[arg-type]
-    assert found.orders[0] == 0
-    assert found.covariance[0, 0] == 1.0
+    result = Residuals.of(problem.regression, ARM.values, np.array([1.0, 0.0])).noise(20, 7)  # type: ignore[arg-type]
+    assert result.orders[0] == 0
+    assert result.covariance[0, 0] == 1.0
 
 
 def test_joints_that_are_never_used_together_are_not_correlated() -> None:
@@ -94,8 +94,8 @@ def test_joints_that_are_never_used_together_are_not_correlated() -> None:
     keep = np.zeros(motion.q.shape, dtype=bool)
     keep[:700, 0] = keep[700:, 1] = True
     regression = replace(problem.regression, motions=(replace(motion, keep=keep),))
-    found = Residuals.of(regression, ARM.values, np.zeros(2)).noise(20, 7)  # type: ignore[arg-type]
-    assert not found.mixes
+    result = Residuals.of(regression, ARM.values, np.zeros(2)).noise(20, 7)  # type: ignore[arg-type]
+    assert not result.mixes
 
 
 SLOW = Whitening((np.array([0.999]), np.array([0.99])), S)
@@ -107,9 +107,9 @@ def test_slow_noise_is_seldom_taken_for_what_the_model_lacks() -> None:
     more = noted = denied = 0
     for seed in range(RUNS):
         given = noisy(SLOW, seed, SAMPLES)
-        found, plain = GeneralisedLeastSquares()(given), LeastSquares(weights="per_joint")(given)
-        more += bool((found.residual.sigma / plain.residual.sigma).max() > 1.1)
-        costly = [note for note in found.notes if isinstance(note, WhiteningCostly)]
+        result, plain = GeneralisedLeastSquares()(given), LeastSquares(weights="per_joint")(given)
+        more += bool((result.residual.sigma / plain.residual.sigma).max() > 1.1)
+        costly = [note for note in result.notes if isinstance(note, WhiteningCostly)]
         noted += len(costly)
         denied += sum(note.forbidden is not None for note in costly)
     assert noted == more >= 5
@@ -126,7 +126,7 @@ def test_the_distance_is_that_of_the_torques() -> None:
     apart, _ = _apart(None)
     by = np.random.default_rng(0).standard_normal((len(ARM.parameters), 2))
     start = apart.fit.solution.value
-    rest = [apart.plain.triangular_factors.residual(start + one).sum() for one in (0.0 * by[:, 0], *by.T)]
+    rest = [apart.plain.triangular_factors.residual(start + x).sum() for x in (0.0 * by[:, 0], *by.T)]
     np.testing.assert_allclose(apart.distance(by), np.array(rest[1:]) - rest[0], rtol=1e-6)
 
 

@@ -28,28 +28,28 @@ POSES = np.random.default_rng(0).uniform(-3, 3, (16, 2))
 
 def test_bodies_and_signs() -> None:
     model = single(None, ("viscous", 3), ("rotor", 3))
-    found = physical_constraints(model, np.zeros((1, len(model.joints))))
+    result = physical_constraints(model, np.zeros((1, len(model.joints))))
     theta = np.append(random_body(np.random.default_rng(1)), [0.1, 0.2])
-    assert [body.name for body in found.bodies] == ["b1"]
-    assert found.matrices == ()
-    assert [limit.family for limit in found.limits if len(limit.rows)] == ["viscous friction", "rotor inertia"]
-    assert found.violation(theta) <= 0
+    assert [body.name for body in result.bodies] == ["b1"]
+    assert result.matrices == ()
+    assert [limit.family for limit in result.limits if len(limit.rows)] == ["viscous friction", "rotor inertia"]
+    assert result.violation(theta) <= 0
     for k, value in ((0, -1.0), (10, -0.1), (11, -0.3)):
         broken = theta.copy()
         broken[k] = value
-        assert found.violation(broken) > 0, model.names[k]
+        assert result.violation(broken) > 0, model.names[k]
 
 
 def test_a_model_without_bodies_has_a_mass_matrix() -> None:
     arm = two_link_arm()
-    found = physical_constraints(arm, POSES)
-    assert found.bodies == ()
-    assert found.violation(np.asarray(arm.values)) <= 0
+    result = physical_constraints(arm, POSES)
+    assert result.bodies == ()
+    assert result.violation(np.asarray(arm.values)) <= 0
     turned = np.asarray(arm.values) * np.where(np.arange(len(arm.names)) == 0, -1, 1)
     worst = max(-np.linalg.eigvalsh(arm.mass_matrix(POSES, turned)).min(), 0.0)
     assert worst > 0
-    assert found.violation(turned) == pytest.approx(worst)
-    assert found.select_family("viscous friction").matrices == ()
+    assert result.violation(turned) == pytest.approx(worst)
+    assert result.select_family("viscous friction").matrices == ()
     bodies = mass_constraints(single(None), np.zeros((1, 6)))
     assert (bodies.bodies, len(bodies.matrices)) == ((), 1)
 
@@ -59,22 +59,22 @@ def test_sides_of_limits_are_numbers_that_must_be_positive() -> None:
     parameters = two_link_arm().parameters
     limit = interval_limit("bounds", parameters, {0: (1.0, 3.0), 1: (None, 2.0), 2: (4.0, 4.0)})
     theta = np.arange(1.0, 1.0 + len(parameters))
-    found = Constraints((limit,)).scalar_constraints(theta, np.eye(len(theta))[:, :2])
-    moved = [float(one.at(np.array([0.5, -1.0]))[0, 0, 0]) for one in found]
+    result = Constraints((limit,)).scalar_constraints(theta, np.eye(len(theta))[:, :2])
+    moved = [float(x.at(np.array([0.5, -1.0]))[0, 0, 0]) for x in result]
     assert moved == pytest.approx([0.5, 1.5, 1.0])  # 1.5 - 1, 3 - 1.5, 2 - 1
     assert all(
-        name in one.label for name, one in zip((parameters[0].name,) * 2 + (parameters[1].name,), found, strict=True)
+        name in x.label for name, x in zip((parameters[0].name,) * 2 + (parameters[1].name,), result, strict=True)
     )
 
 
 def test_psd_constraints_of_bodies_hold_the_margin() -> None:
     model = single(None)
-    found = Constraints(bodies=physical_constraints(model, np.zeros((1, 1))).bodies, margin=0.1)
+    result = Constraints(bodies=physical_constraints(model, np.zeros((1, 1))).bodies, margin=0.1)
     theta = random_body(np.random.default_rng(1))
-    (one,) = found.psd_constraints(theta, np.eye(len(theta)))
-    assert isinstance(one, PsdConstraint)
-    np.testing.assert_allclose(one.constant[0], found.bodies[0].scaled_inertia(theta) - 0.1 * np.eye(4))
-    assert float(np.linalg.eigvalsh(one.constant)[0, 0]) == pytest.approx(-found.violation(theta))
+    (case,) = result.psd_constraints(theta, np.eye(len(theta)))
+    assert isinstance(case, PsdConstraint)
+    np.testing.assert_allclose(case.constant[0], result.bodies[0].scaled_inertia(theta) - 0.1 * np.eye(4))
+    assert float(np.linalg.eigvalsh(case.constant)[0, 0]) == pytest.approx(-result.violation(theta))
 
 
 @pytest.mark.parametrize(
@@ -102,11 +102,11 @@ def test_torques_and_lever_arms_tell_the_size_of_a_body(mass: float, length: flo
     truth = bodies_of(problem(arm(mass, length), mass, length).model.parameters)
     posed = problem(arm(mass, length, "none"), mass, length)
     parameters = posed.model.parameters
-    found = estimate_sizes(bodies_of(parameters), parameters, posed.regression.triangular_factors)
-    for one, other in zip(found, truth, strict=True):
-        mass_ratio, length_ratio = (one.size[3] / other.size[3]) ** 2, one.size[0] / one.size[3]
+    sizes = estimate_sizes(bodies_of(parameters), parameters, posed.regression.triangular_factors)
+    for first, second in zip(sizes, truth, strict=True):
+        mass_ratio, length_ratio = (first.size[3] / second.size[3]) ** 2, first.size[0] / first.size[3]
         assert 0.3 < mass_ratio < 30
-        assert 0.3 < length_ratio / (other.size[0] / other.size[3]) < 5
+        assert 0.3 < length_ratio / (second.size[0] / second.size[3]) < 5
 
 
 def test_a_nominal_size_is_kept_unless_the_torques_contradict_it() -> None:
@@ -114,10 +114,10 @@ def test_a_nominal_size_is_kept_unless_the_torques_contradict_it() -> None:
     posed = problem(text)
     bodies = bodies_of(posed.model.parameters)
     kept = estimate_sizes(bodies, posed.model.parameters, posed.regression.triangular_factors)
-    assert all(one is other for one, other in zip(kept, bodies, strict=True))
+    assert all(x is other for x, other in zip(kept, bodies, strict=True))
     toy = problem(re.sub(r"<mass value='?\"?[^/]*/>", '<mass value="1e-6"/>', text))
     other = estimate_sizes(bodies_of(toy.model.parameters), toy.model.parameters, toy.regression.triangular_factors)
-    assert min(one.size[3] for one in other) > 1.0
+    assert min(x.size[3] for x in other) > 1.0
 
 
 def test_without_torque_or_effect_nothing_is_known() -> None:
@@ -137,11 +137,11 @@ def test_a_slider_has_its_mass_from_its_force() -> None:
     model = Model((RigidBodies(text),))
     t = np.linspace(0.0, 5.0, 500)
     states = np.sin(3 * t), 3 * np.cos(3 * t), -9 * np.sin(3 * t)
-    q, dq, ddq = (one[:, None] for one in states)
+    q, dq, ddq = (state[:, None] for state in states)
     motion = Motion(t, q, dq, ddq, 5.0 * ddq, ("j",), np.ones(500, dtype=bool))
     factors = Regression(model, (motion,)).triangular_factors
-    (found,) = estimate_sizes(bodies_of(model.parameters), model.parameters, factors)
-    assert found.size[3] ** 2 == pytest.approx(5.0, rel=1e-6)
+    (size,) = estimate_sizes(bodies_of(model.parameters), model.parameters, factors)
+    assert size.size[3] ** 2 == pytest.approx(5.0, rel=1e-6)
 
 
 def test_what_no_joint_moves_has_no_size_of_its_own() -> None:
@@ -149,10 +149,10 @@ def test_what_no_joint_moves_has_no_size_of_its_own() -> None:
     bodies, factors = bodies_of(posed.model.parameters), posed.regression.triangular_factors
     unmoved = factors.factors.copy()
     unmoved[:, :, bodies[0].columns] = 0.0
-    found = estimate_sizes(bodies, posed.model.parameters, type(factors)(unmoved, factors.rows))
-    assert all(np.isfinite(one.size).all() for one in found)
+    sizes = estimate_sizes(bodies, posed.model.parameters, type(factors)(unmoved, factors.rows))
+    assert all(np.isfinite(x.size).all() for x in sizes)
     alone = factors.factors.copy()
     alone[1:, :, -1] = 0.0  # only the first joint has a torque, and nothing acts on it
     alone[0, :, :-1] = 0.0
-    found = estimate_sizes(bodies, posed.model.parameters, type(factors)(alone, factors.rows))
-    assert all(one is other for one, other in zip(found, bodies, strict=True))
+    sizes = estimate_sizes(bodies, posed.model.parameters, type(factors)(alone, factors.rows))
+    assert all(x is other for x, other in zip(sizes, bodies, strict=True))

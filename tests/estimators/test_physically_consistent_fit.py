@@ -31,28 +31,28 @@ def error(posed: Problem, theta: Array) -> float:
 @pytest.mark.parametrize("noise", [0.0, 0.01, 0.03])
 def test_equals_least_squares_where_that_is_possible(noise: float) -> None:
     posed = problem(single(None, ("viscous", 5)), np.append(BODY, 0.7), noise)
-    plain, found = LeastSquares()(posed), PhysicallyConsistent(fit=LeastSquares())(posed)
-    np.testing.assert_allclose(found.value, plain.value, rtol=1e-6, atol=1e-12)
-    np.testing.assert_allclose(found.covariance, plain.covariance, rtol=1e-6, atol=1e-15)
-    np.testing.assert_allclose(found.residual.sigma, plain.residual.sigma, rtol=1e-6, atol=1e-12)
-    assert found.notes == ()
-    assert set(found.provenance) == {"data"}
-    assert set(found.consistency.costs.values()) == {0.0}
-    assert found.consistency.eigenvalues["b1"] > 1e-3
+    plain, result = LeastSquares()(posed), PhysicallyConsistent(fit=LeastSquares())(posed)
+    np.testing.assert_allclose(result.value, plain.value, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(result.covariance, plain.covariance, rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose(result.residual.sigma, plain.residual.sigma, rtol=1e-6, atol=1e-12)
+    assert result.notes == ()
+    assert set(result.provenance) == {"data"}
+    assert set(result.consistency.costs.values()) == {0.0}
+    assert result.consistency.eigenvalues["b1"] > 1e-3
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01, 0.5])
 def test_body_on_the_boundary(noise: float) -> None:
     """A rod has no extent across: the truth is singular, and noise makes least squares leave what is possible."""
     posed = problem(single(), ROD, noise)
-    found = PhysicallyConsistent()(posed)
-    assert smallest(found.value) > 0
-    assert found.consistency.eigenvalues["b1"] == pytest.approx(1e-5, rel=1e-2)
-    assert set(found.provenance) == {"bound"}
-    np.testing.assert_allclose(found.value, ROD, atol=max(1e-6, 4 * found.std.max()))
+    result = PhysicallyConsistent()(posed)
+    assert smallest(result.value) > 0
+    assert result.consistency.eigenvalues["b1"] == pytest.approx(1e-5, rel=1e-2)
+    assert set(result.provenance) == {"bound"}
+    np.testing.assert_allclose(result.value, ROD, atol=max(1e-6, 4 * result.std.max()))
     if noise:
         assert smallest(LeastSquares()(posed).value) < 0
-        assert 0 < found.consistency.costs["pseudo-inertia"] == found.consistency.costs["all"] < 0.1
+        assert 0 < result.consistency.costs["pseudo-inertia"] == result.consistency.costs["all"] < 0.1
 
 
 def test_beats_projecting_each_body_after_least_squares() -> None:
@@ -63,9 +63,9 @@ def test_beats_projecting_each_body_after_least_squares() -> None:
         values, vectors = np.linalg.eigh(to_pseudo(LeastSquares()(posed).value))
         assert values[0] < 0
         projected = from_pseudo(vectors * np.maximum(values, 1e-9) @ vectors.T)
-        found = PhysicallyConsistent()(posed).value
-        train.append(error(posed, projected) / error(posed, found))
-        held.append(error(judged, projected) / error(judged, found))
+        value = PhysicallyConsistent()(posed).value
+        train.append(error(posed, projected) / error(posed, value))
+        held.append(error(judged, projected) / error(judged, value))
     assert min(train) > 1
     assert np.median(train) > 1.5
     assert np.median(held) > 4
@@ -78,15 +78,15 @@ def test_no_possible_body_fits_better(seed: int, noise: float, rod: bool) -> Non
     rng = np.random.default_rng(seed)
     truth = cloud(0.2 * rng.normal(size=(2, 3)), rng.uniform(0.5, 2, 2)) if rod else random_body(rng)
     posed = problem(single(), truth, noise, seed, 40)
-    found = PhysicallyConsistent(fit=LeastSquares())(posed)
-    assert smallest(found.value) > 0
-    assert min(found.consistency.costs.values()) >= 0
-    best = error(posed, found.value)
+    result = PhysicallyConsistent(fit=LeastSquares())(posed)
+    assert smallest(result.value) > 0
+    assert min(result.consistency.costs.values()) >= 0
+    best = error(posed, result.value)
     rest = 1e-10 * np.square(posed.regression.triangular_factors.factors[:, :, -1]).sum()  # margin and solver
     floor = from_pseudo(np.diag([1e-7, 1e-7, 1e-7, 1e-5]))
     for other in (truth, truth + 0.01 * random_body(rng), random_body(rng)):
         for share in (1.0, 0.1):
-            rival = (1 - share) * found.value + share * (other + floor)
+            rival = (1 - share) * result.value + share * (other + floor)
             assert best <= error(posed, rival) * (1 + 1e-6) + rest
 
 
@@ -123,17 +123,17 @@ def test_noise_of_each_joint_sets_its_weight() -> None:
         noisy = type(motion)(motion.t, motion.q, motion.dq, motion.ddq, tau, motion.joints, motion.mask)
         again = Problem(model, (noisy,), type(posed.regression)(model, (noisy,)))
         for weights in off:
-            found: Estimate = LeastSquares(weights=weights)(again)  # type: ignore[arg-type]
-            off[weights] += np.sum((found.value - BODY)[1:4] ** 2)
-        np.testing.assert_allclose(found.residual.sigma, np.repeat([0.05, 2.0], 3), rtol=0.25)
+            result: Estimate = LeastSquares(weights=weights)(again)  # type: ignore[arg-type]
+            off[weights] += np.sum((result.value - BODY)[1:4] ** 2)
+        np.testing.assert_allclose(result.residual.sigma, np.repeat([0.05, 2.0], 3), rtol=0.25)
     assert off["per_joint"] < 0.05 * off["equal"]
 
 
 def test_standard_errors_tell_the_spread_where_no_constraint_acts() -> None:
     """No bias, and 95 % intervals that cover, over a hundred and fifty noises."""
     model, truth, runs = single(None, ("viscous", 4)), np.append(BODY, 0.5), 150
-    found = [PhysicallyConsistent(costs=False)(problem(model, truth, 0.05, seed)) for seed in range(runs)]
-    scores = np.array([(x.value - truth) / x.std for x in found])
+    result = [PhysicallyConsistent(costs=False)(problem(model, truth, 0.05, seed)) for seed in range(runs)]
+    scores = np.array([(x.value - truth) / x.std for x in result])
     assert (np.abs(scores.mean(axis=0)) < 4 / np.sqrt(runs)).all()
     covered = (np.abs(scores) < 1.96).mean(axis=0)
     assert (np.abs(covered - 0.95) < 4 * np.sqrt(0.95 * 0.05 / runs) + 0.005).all()
@@ -143,11 +143,13 @@ def test_standard_errors_tell_the_spread_where_no_constraint_acts() -> None:
 def test_friction_and_rotor_inertia_are_not_negative_unless_switched_off(role: str) -> None:
     off: dict[str, Any] = {role: False}
     posed = problem(single(None, (role, 3)), np.append(BODY, -0.2), 0.01)
-    found, freed = PhysicallyConsistent()(posed), PhysicallyConsistent(**off)(posed)
-    assert found.value[10] == 0.0
-    assert found.provenance[10] == "bound"
+    result, freed = PhysicallyConsistent()(posed), PhysicallyConsistent(**off)(posed)
+    assert result.value[10] == 0.0
+    assert result.provenance[10] == "bound"
     assert (
-        found.consistency.costs[{"rotor": "rotor inertia", "viscous": "viscous friction"}.get(role, "Coulomb friction")]
+        result.consistency.costs[
+            {"rotor": "rotor inertia", "viscous": "viscous friction"}.get(role, "Coulomb friction")
+        ]
         > 0
     )
     assert freed.value[10] == pytest.approx(-0.2, abs=4 * freed.std[10])
@@ -171,11 +173,11 @@ LIMITS: list[tuple[dict[str, Any], Any]] = [
 def test_limits_are_met(setting: dict[str, Any], met: Any) -> None:
     """The truth breaks each of them: 2 kg, its centre at about 0.1 m, viscous friction 0.5."""
     posed = problem(single(None, ("viscous", 3)), np.append(BODY, 0.5), 0.01)
-    found = PhysicallyConsistent(**setting)(posed)
-    assert met(found.value), found.value
-    assert smallest(found.value) > 0
-    assert found.consistency.costs["all"] > 0
-    assert "bounds" not in setting or found.provenance[0] == "bound"
+    result = PhysicallyConsistent(**setting)(posed)
+    assert met(result.value), result.value
+    assert smallest(result.value) > 0
+    assert result.consistency.costs["all"] > 0
+    assert "bounds" not in setting or result.provenance[0] == "bound"
 
 
 def test_total_mass_settles_what_the_data_leave_free() -> None:
@@ -183,10 +185,10 @@ def test_total_mass_settles_what_the_data_leave_free() -> None:
     both = np.concatenate((BODY, random_body(np.random.default_rng(2), mass=5.0)))
     posed = problem(model, both, 0.01)
     bounds = {"b2.mass": (4.5, 4.6)}
-    found = PhysicallyConsistent(bounds=bounds, prior="none")(posed)
-    assert 4.5 <= found.value[10] <= 4.6
-    assert found.value[0] + found.value[10] == pytest.approx(7.0, abs=0.01)
-    assert found.consistency.costs["all"] < 1e-4
+    result = PhysicallyConsistent(bounds=bounds, prior="none")(posed)
+    assert 4.5 <= result.value[10] <= 4.6
+    assert result.value[0] + result.value[10] == pytest.approx(7.0, abs=0.01)
+    assert result.consistency.costs["all"] < 1e-4
 
 
 CONFLICTS: list[tuple[dict[str, Any], list[str]]] = [
@@ -244,7 +246,7 @@ def test_the_covariance_holds_what_constraints_moved_the_value_by_and_nothing_el
     posed = problem(model, np.append(BODY, 0.5), 0.01)
     plain = LeastSquares(weights="per_joint")(posed)
     for bounds in ({}, {model.names[-1]: (0.6, None)}):
-        found = PhysicallyConsistent(bounds=bounds)(posed)
-        away = found.value - plain.value
+        result = PhysicallyConsistent(bounds=bounds)(posed)
+        away = result.value - plain.value
         assert np.any(np.abs(away) > 0.01) == bool(bounds)
-        np.testing.assert_allclose(found.covariance, plain.covariance + np.outer(away, away), rtol=1e-5, atol=1e-11)
+        np.testing.assert_allclose(result.covariance, plain.covariance + np.outer(away, away), rtol=1e-5, atol=1e-11)

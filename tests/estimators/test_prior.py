@@ -32,12 +32,12 @@ def test_prior_decides_only_what_the_data_leave_free(distance: Any, truth: Array
     model, X = pair()
     posed = problem(model, np.concatenate((truth, change_frame(truth, np.linalg.inv(X)))), 0.02)
     priors = [np.concatenate((random_body(rng), random_body(rng))) for _ in range(3)]
-    found = [PhysicallyConsistent(prior=named(model, values), distance=distance)(posed) for values in priors]
-    sums = [x.value[:10] + change_frame(x.value[10:], X) for x in found]
+    result = [PhysicallyConsistent(prior=named(model, values), distance=distance)(posed) for values in priors]
+    sums = [x.value[:10] + change_frame(x.value[10:], X) for x in result]
     for total in sums[1:]:
         np.testing.assert_allclose(total, sums[0], atol=1e-9)
-    assert np.abs(found[1].value - found[0].value).max() > 1e-4
-    for x in found:
+    assert np.abs(result[1].value - result[0].value).max() > 1e-4
+    for x in result:
         assert set(x.provenance) == {"prior"}
         assert np.isinf(x.std).all()
         assert x.determined.rank == 10
@@ -49,8 +49,8 @@ def test_prior_decides_only_what_the_data_leave_free(distance: Any, truth: Array
 def test_prior_that_agrees_with_the_data_is_the_answer(distance: Any) -> None:
     both = np.concatenate((BODY, random_body(np.random.default_rng(2))))
     model, _ = pair(BODY, both[10:])
-    found = PhysicallyConsistent(distance=distance)(problem(model, both))
-    np.testing.assert_allclose(found.value, both, atol=1e-8)
+    result = PhysicallyConsistent(distance=distance)(problem(model, both))
+    np.testing.assert_allclose(result.value, both, atol=1e-8)
 
 
 def test_distances_are_least_where_they_should_be() -> None:
@@ -71,12 +71,12 @@ def test_distances_are_least_where_they_should_be() -> None:
         return float(np.sum(((theta - aims) / scale) ** 2))
 
     for name, distance in (("entropic", divergence), ("euclidean", euclidean)):
-        found = PhysicallyConsistent(prior=named(model, aims), distance=name)(posed).value  # type: ignore[arg-type]
+        value = PhysicallyConsistent(prior=named(model, aims), distance=name)(posed).value  # type: ignore[arg-type]
         for _ in range(50):
             step = 1e-3 * random_body(rng) * rng.choice([-1, 1])
-            other = found + np.concatenate((step, -change_frame(step, np.linalg.inv(X))))
+            other = value + np.concatenate((step, -change_frame(step, np.linalg.inv(X))))
             possible = min(smallest(other[:10]), smallest(other[10:])) > 1e-6
-            assert not possible or distance(other) > distance(found)
+            assert not possible or distance(other) > distance(value)
 
 
 def test_entropic_prior_depends_on_no_frame_and_no_unit() -> None:
@@ -84,12 +84,12 @@ def test_entropic_prior_depends_on_no_frame_and_no_unit() -> None:
     rng = np.random.default_rng(4)
     truth, prior = [np.concatenate((random_body(rng), random_body(rng))) for _ in range(2)]
     model, X = pair()
-    found = PhysicallyConsistent(prior=named(model, prior))(problem(model, truth, 0.05)).value
+    value = PhysicallyConsistent(prior=named(model, prior))(problem(model, truth, 0.05)).value
     A, B = turned(rng), turned(rng)
     B[:3, :3] *= 100.0
     frames: tuple[Array, ...] = (np.linalg.inv(A).astype(float), X @ np.linalg.inv(B))
     other = Model((Welded(frames, (None, None)),))
-    told = [np.concatenate((change_frame(v[:10], A), change_frame(v[10:], B))) for v in (truth, prior, found)]
+    told = [np.concatenate((change_frame(v[:10], A), change_frame(v[10:], B))) for v in (truth, prior, value)]
     again = PhysicallyConsistent(prior=named(other, told[1]))(problem(other, told[0], 0.05)).value
     np.testing.assert_allclose(again, told[2], rtol=1e-5, atol=1e-7 * np.abs(told[2]).max())
 
@@ -97,23 +97,23 @@ def test_entropic_prior_depends_on_no_frame_and_no_unit() -> None:
 def test_without_a_prior_the_free_is_unidentifiable_and_small() -> None:
     """Without forces the mass makes no torque: the least one that the rest allows is taken."""
     model = single(None, moments_only=True)
-    found = PhysicallyConsistent(prior="none")(problem(model, BODY, 0.01))
-    assert found.provenance[0] == "unidentifiable"
-    assert set(found.provenance[1:]) <= {"data", "bound"}
-    assert np.isinf(found.std[0])
-    assert np.isfinite(found.std[1:]).all()
-    np.testing.assert_allclose(found.value[1:], BODY[1:], atol=5 * found.std[1:].max())
-    assert 0 < found.value[0] < BODY[0]
-    assert NotIdentifiable(1) in found.notes
+    result = PhysicallyConsistent(prior="none")(problem(model, BODY, 0.01))
+    assert result.provenance[0] == "unidentifiable"
+    assert set(result.provenance[1:]) <= {"data", "bound"}
+    assert np.isinf(result.std[0])
+    assert np.isfinite(result.std[1:]).all()
+    np.testing.assert_allclose(result.value[1:], BODY[1:], atol=5 * result.std[1:].max())
+    assert 0 < result.value[0] < BODY[0]
+    assert NotIdentifiable(1) in result.notes
 
 
 def test_log_that_says_nothing_leaves_all_to_the_prior() -> None:
     """No motion, no torque: no warning, no error, and the nominal values."""
     posed = problem(single(BODY), np.zeros(10), spread=(0,) * 9)
     for distance in ("entropic", "euclidean"):
-        found = PhysicallyConsistent(distance=distance)(posed)
-        np.testing.assert_allclose(found.value, BODY, atol=1e-6)
-        assert (found.determined.rank, set(found.provenance), set(found.consistency.costs.values())) == (
+        result = PhysicallyConsistent(distance=distance)(posed)
+        np.testing.assert_allclose(result.value, BODY, atol=1e-6)
+        assert (result.determined.rank, set(result.provenance), set(result.consistency.costs.values())) == (
             0,
             {"prior"},
             {0.0},
@@ -133,17 +133,17 @@ def test_towards_an_impossible_prior_the_bodies_go_as_far_as_they_may() -> None:
     model = Model((*bodies.terms, Drag(bodies.joints, "viscous")))
     friction, posed = model.names[-1], problem(model, np.append(both, 0.5), 0.1)
     setting = {"bounds": {friction: (0.6, None)}, "prior": named(model, np.append(aims, 0.5))}
-    found = PhysicallyConsistent(distance="euclidean", **setting)(posed).value[:20]  # type: ignore[arg-type]
+    result = PhysicallyConsistent(distance="euclidean", **setting)(posed).value[:20]  # type: ignore[arg-type]
     held_bodies = estimate_sizes(bodies_of(model.parameters), model.parameters, posed.regression.triangular_factors)
     scale = parameter_scales(model.parameters, held_bodies, np.ones(len(model.parameters)), 1.0)[:20]
 
     def distance(theta: Array) -> float:
         return float(np.sum(((theta - aims) / scale) ** 2))
 
-    assert 0 < smallest(found[10:]) < 1e-4
+    assert 0 < smallest(result[10:]) < 1e-4
     free = np.array([np.concatenate((step, -change_frame(step, np.linalg.inv(X)))) for step in np.eye(10)]).T
-    near, aside = free / scale[:, None], (found - aims) / scale
+    near, aside = free / scale[:, None], (result - aims) / scale
     held = Constraints(bodies=held_bodies, margin=1e-5)
-    best = minimise(near.T @ near, near.T @ aside, held, np.append(found, 0.6), np.vstack([free, np.zeros(10)]))
+    best = minimise(near.T @ near, near.T @ aside, held, np.append(result, 0.6), np.vstack([free, np.zeros(10)]))
     assert best.is_optimal
-    assert distance(found) == pytest.approx(distance(found + free @ best.point), rel=1e-4)
+    assert distance(result) == pytest.approx(distance(result + free @ best.point), rel=1e-4)

@@ -36,7 +36,7 @@ def program(posed: Problem) -> tuple[staged.Information, Constraints]:
     factor, rank = weight_joints(factors, joint_weights(factors, "per_joint", 3, parameters), parameters)
     bodies, effect = estimate_sizes(bodies_of(parameters), parameters, factors), np.linalg.norm(factor, axis=0)
     scale = parameter_scales(parameters, bodies, effect[:-1], float(effect[-1]))
-    limits = tuple(one.scale_rows(scale) for one in sign_limits(parameters))
+    limits = tuple(sign_limit.scale_rows(scale) for sign_limit in sign_limits(parameters))
     return staged.information_from_factor(factor, scale, rank, factors.total), Constraints(limits, bodies, 1e-5)
 
 
@@ -46,21 +46,21 @@ def squared(x: np.ndarray) -> float:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_both_ways_find_the_same_optimum(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    known, constraints = program(problem(arm(1e-2, 0.3), 1e-2, 0.3, seed=seed, samples=200))
-    conic = staged._solve_scaled(known, constraints)
+    reference, constraints = program(problem(arm(1e-2, 0.3), 1e-2, 0.3, seed=seed, samples=200))
+    conic = staged._solve_scaled(reference, constraints)
     monkeypatch.setattr(staged, "STEP_UNITS", ())
-    path = staged._solve_scaled(known, constraints)
-    assert constraints.violation(known.theta(path)) < 0
+    path = staged._solve_scaled(reference, constraints)
+    assert constraints.violation(reference.theta(path)) < 0
     assert squared(path) == pytest.approx(squared(conic), rel=1e-3, abs=0.5)
 
 
 def test_equalities_hold_on_the_way(monkeypatch: pytest.MonkeyPatch) -> None:
     posed = problem(arm(1e-2, 0.3), 1e-2, 0.3, samples=300)
-    known, constraints = program(posed)
+    reference, constraints = program(posed)
     index = posed.model.names.index("l5.mass")
-    fixed = interval_limit("mass", posed.model.parameters, {index: (4.0, 4.0)}).scale_rows(known.scale)
+    fixed = interval_limit("mass", posed.model.parameters, {index: (4.0, 4.0)}).scale_rows(reference.scale)
     monkeypatch.setattr(staged, "STEP_UNITS", ())
-    theta = known.theta(staged._solve_scaled(known, replace(constraints, limits=(*constraints.limits, fixed))))
+    theta = reference.theta(staged._solve_scaled(reference, replace(constraints, limits=(*constraints.limits, fixed))))
     assert theta[index] == pytest.approx(4.0, rel=1e-6)
 
 
@@ -74,16 +74,16 @@ def test_where_nothing_is_inside_the_error_of_the_conic_solver_stands() -> None:
 @pytest.mark.parametrize("inertias", ["none", "zero", "true"])
 def test_an_arm_of_any_size_costs_little_whatever_its_file_says(mass: float, length: float, inertias: str) -> None:
     posed = problem(arm(mass, length, inertias), mass, length)
-    plain, found = LeastSquares(weights="per_joint")(posed), PhysicallyConsistent()(posed)
-    assert error(posed, found.value) < 1.02 * error(posed, plain.value)
-    assert not any(isinstance(note, ConstraintsCostly) for note in found.notes)
+    plain, result = LeastSquares(weights="per_joint")(posed), PhysicallyConsistent()(posed)
+    assert error(posed, result.value) < 1.02 * error(posed, plain.value)
+    assert not any(isinstance(note, ConstraintsCostly) for note in result.notes)
 
 
 def test_constraints_that_cost_much_are_said() -> None:
     posed = problem(arm())
     motion = replace(posed.motions[0], tau=-posed.motions[0].tau)  # no possible arm
     wrong = Problem(posed.model, (motion,), Regression(posed.model, (motion,)))
-    (note,) = (one for one in PhysicallyConsistent()(wrong).notes if isinstance(one, ConstraintsCostly))
+    (note,) = (note for note in PhysicallyConsistent()(wrong).notes if isinstance(note, ConstraintsCostly))
     assert note.family == "pseudo-inertia"
     assert note.error > 10 * note.free
 
@@ -106,10 +106,10 @@ def test_no_few_samples_of_any_arm_fail(seed: int, inertias: str, unit: float) -
     model = problem(text, samples=30).model
     posed = Problem(model, (few,), Regression(model, (few,)))
     try:
-        found = PhysicallyConsistent(costs=False)(posed)
+        result = PhysicallyConsistent(costs=False)(posed)
     except ModelError as failed:
         pytest.fail(f"{failed}")
-    assert min(found.consistency.eigenvalues.values()) > 0
+    assert min(result.consistency.eigenvalues.values()) > 0
 
 
 @pytest.mark.parametrize("failure", ["raised", "inexact"])
@@ -117,7 +117,7 @@ def test_no_few_samples_of_any_arm_fail(seed: int, inertias: str, unit: float) -
 def test_three_units_are_tried(failures: int, failure: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two directions are informed, the third is free; the point is given back in units of one standard error."""
     factor = np.diag([2.0, 3.0, 0.0, 1.0])
-    known, asked = staged.information_from_factor(factor, np.ones(3), rank_of(factor), 10), []
+    reference, asked = staged.information_from_factor(factor, np.ones(3), rank_of(factor), 10), []
 
     def solver(*program: Any) -> Optimum:
         asked.append(program)
@@ -127,35 +127,35 @@ def test_three_units_are_tried(failures: int, failure: str, monkeypatch: pytest.
 
     monkeypatch.setattr(staged, "minimise", solver)
     if failures == 3:
-        path = staged._solve_scaled(known, Constraints())
+        path = staged._solve_scaled(reference, Constraints())
         np.testing.assert_allclose(path, 0.0, atol=1e-9)  # the optimum, as nothing is constrained
         monkeypatch.setattr(staged, "minimise_from_inside", lambda *_: None)
         asked.clear()
         with pytest.raises(ModelError, match=r"the solver failed|hold to 1\.0e"):
-            staged._solve_scaled(known, Constraints())
+            staged._solve_scaled(reference, Constraints())
         return
-    found = staged._solve_scaled(known, Constraints())
+    result = staged._solve_scaled(reference, Constraints())
     unit = (1.0, 1e3, 1e6)[failures]
     assert len(asked) == failures + 1
-    assert found.tolist() == [unit, unit, 1.0]
+    assert result.tolist() == [unit, unit, 1.0]
     quadratic, linear, _, base, directions = asked[-1]
     np.testing.assert_allclose(np.diag(quadratic), [1.0, 1.0, max(unit**-2, 1e-8)])
-    np.testing.assert_allclose(directions[:, :2], known.informed * unit)
-    np.testing.assert_allclose(directions[:, 2:], known.free)
+    np.testing.assert_allclose(directions[:, :2], reference.informed * unit)
+    np.testing.assert_allclose(directions[:, 2:], reference.free)
     assert not linear.any()
-    assert base is known.base
+    assert base is reference.base
 
 
 def test_where_the_penalty_is_not_small_the_free_directions_get_a_larger_unit(monkeypatch: pytest.MonkeyPatch) -> None:
     factor = np.diag([2.0, 3.0, 0.0, 1.0])
-    known, asked = staged.information_from_factor(factor, np.ones(3), rank_of(factor), 10), []
+    reference, asked = staged.information_from_factor(factor, np.ones(3), rank_of(factor), 10), []
 
     def solved(wider: staged.Information, _: Constraints) -> np.ndarray:
         asked.append(float(np.linalg.norm(wider.free)))
         return np.array([0.0, 0.0, 30.0 / asked[-1]])  # the same w, in each unit
 
     monkeypatch.setattr(staged, "_solve_scaled", solved)
-    found = staged._solve_program(known, Constraints())
+    result = staged._solve_program(reference, Constraints())
     assert asked == pytest.approx([1.0, 10.0, 100.0, 1000.0][: len(asked)])
-    assert found[2] == pytest.approx(30.0)
-    assert (30.0 / asked[-1]) ** 2 <= staged.MAX_PENALTY_SHARE * known.noise
+    assert result[2] == pytest.approx(30.0)
+    assert (30.0 / asked[-1]) ** 2 <= staged.MAX_PENALTY_SHARE * reference.noise

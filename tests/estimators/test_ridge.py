@@ -32,10 +32,10 @@ def test_closed_form():
     factor = triangular.stack(w)
     X, y, prior = factor[:-1, :-1], factor[:-1, -1], 1.1 * truth(model)
     K = np.diag(0.3 * factor[-1, -1] ** 2 / size**2)
-    found = Ridge(dict(zip(model.names, prior, strict=True)), 0.3)(problem)
-    np.testing.assert_allclose(found.value, np.linalg.solve(X.T @ X + K, X.T @ y + K @ prior), rtol=1e-8)
-    moved = found.value - plain.value
-    np.testing.assert_allclose(found.covariance, plain.covariance + np.outer(moved, moved), rtol=1e-6, atol=1e-12)
+    result = Ridge(dict(zip(model.names, prior, strict=True)), 0.3)(problem)
+    np.testing.assert_allclose(result.value, np.linalg.solve(X.T @ X + K, X.T @ y + K @ prior), rtol=1e-8)
+    moved = result.value - plain.value
+    np.testing.assert_allclose(result.covariance, plain.covariance + np.outer(moved, moved), rtol=1e-6, atol=1e-12)
 
 
 def test_limits():
@@ -58,14 +58,14 @@ def test_strength_by_cross_validation():
     assert isinstance(note, DrawnToPrior)
     assert note.strength > 0
     plain = LeastSquares(weights="per_joint")(problem)
-    off = [np.abs((one.value - truth(problem.model)) / plain.std).max() for one in (right, plain)]
+    off = [np.abs((x.value - truth(problem.model)) / plain.std).max() for x in (right, plain)]
     assert off[0] < off[1]
     strong = make_problem(problem.model, multisine_motion(problem.model, 0.05))
     wrong = {name: 5.0 * value for name, value in zip(problem.model.names, truth(problem.model), strict=True)}
     for estimator in (Ridge(wrong), Ridge("none"), Ridge("nominal")):
-        found = estimator(strong)
-        assert found.notes == ()
-        np.testing.assert_allclose(found.value, LeastSquares(weights="per_joint")(strong).value, rtol=1e-6)
+        estimate = estimator(strong)
+        assert estimate.notes == ()
+        np.testing.assert_allclose(estimate.value, LeastSquares(weights="per_joint")(strong).value, rtol=1e-6)
 
 
 @pytest.mark.parametrize("strength", [0.01, 1.0])
@@ -78,8 +78,8 @@ def test_intervals_hold_where_the_prior_is_wrong(strength):
         prior = dict(zip(problem.model.names, 1.5 * truth(problem.model), strict=True))
         ridge = Ridge(prior, strength)
         for estimator in (ridge, PhysicallyConsistent(fit=ridge, costs=False)):
-            found = estimator(problem)
-            inside.append(np.abs(found.value - truth(problem.model)) < 1.96 * found.std)
+            estimate = estimator(problem)
+            inside.append(np.abs(estimate.value - truth(problem.model)) < 1.96 * estimate.std)
     assert np.mean(inside, axis=0).min() > 0.86  # of 40 recordings: 2.6 standard deviations below 0.95
 
 
@@ -89,14 +89,14 @@ def test_what_the_data_do_not_determine_is_at_the_prior():
     problem = make_problem(model, multisine_motion(arm, 0.05))
     prior = {name: 0.7 + 0.1 * k for k, name in enumerate(model.names)}
     for strength in (0.0, 0.01):
-        found = Ridge(prior, strength)(problem)
+        result = Ridge(prior, strength)(problem)
         free = LeastSquares(weights="per_joint")(problem).determined.directions.free_directions
-        size = _usual_sizes(model, problem.regression.triangular_factors, found.residual.weights)
-        away = (found.value - np.array(list(prior.values()))) / size
+        size = _usual_sizes(model, problem.regression.triangular_factors, result.residual.weights)
+        away = (result.value - np.array(list(prior.values()))) / size
         np.testing.assert_allclose((free / size[:, None]).T @ away, 0.0, atol=1e-6 * np.abs(free / size[:, None]).max())
-        assert found.determined.rank < len(model.names)
-        assert np.isinf(found.std[[one == Provenance.PRIOR for one in found.provenance]]).all()
-        assert any(isinstance(note, DecidedByPrior) for note in found.notes)
+        assert result.determined.rank < len(model.names)
+        assert np.isinf(result.std[[x == Provenance.PRIOR for x in result.provenance]]).all()
+        assert any(isinstance(note, DecidedByPrior) for note in result.notes)
     without = Ridge({model.names[0]: 0.7})(problem)
     assert set(without.provenance) - {Provenance.PRIOR} == {Provenance.DATA, Provenance.UNIDENTIFIABLE}
 

@@ -43,7 +43,7 @@ def location(y: np.ndarray) -> Problem:
 def test_location(loss):
     """The mean of a sample is Huber's or Tukey's location: the minimum of the loss at the scale of the residuals."""
     y = np.concatenate([np.random.default_rng(1).normal(2.0, 0.1, 90), np.full(10, 9.0)])
-    found = RobustLeastSquares(loss)(location(y))
+    result = RobustLeastSquares(loss)(location(y))
     c = {"huber": 1.345, "tukey": 4.685}[loss]
 
     def total(mean: float, scale: float) -> float:
@@ -52,10 +52,10 @@ def test_location(loss):
             return float(np.where(u <= c, u**2 / 2, c * u - c**2 / 2).sum())
         return float((1 - (1 - np.minimum(u / c, 1.0) ** 2) ** 3).sum())
 
-    scale = np.median(np.abs(y - found.value)) / 0.6744897501960817
+    scale = np.median(np.abs(y - result.value)) / 0.6744897501960817
     best = minimize_scalar(total, (1.9, 2.1), args=(scale,), options={"xtol": 1e-12})
-    np.testing.assert_allclose(found.value, best.x, atol=2e-4)
-    assert found.notes == (Downweighted((("one", float(np.mean(found.residual.sample_weights[0] ** 2 < 0.5))),)),)
+    np.testing.assert_allclose(result.value, best.x, atol=2e-4)
+    assert result.notes == (Downweighted((("one", float(np.mean(result.residual.sample_weights[0] ** 2 < 0.5))),)),)
 
 
 @pytest.mark.parametrize("psi", [_Huber(1.345), _Tukey(4.685)], ids=LOSSES)
@@ -82,13 +82,13 @@ def test_every_tenth_torque_wrong(loss, one_sided):
     model, inside = two_link_arm(), []
     for seed in range(20):
         problem = make_problem(model, spoilt(multisine_motion(model, 0.05, seed, 500), 0.1, seed, one_sided=one_sided))
-        found = RobustLeastSquares(loss)(problem)
-        rows = replace(problem.regression, weights=found.residual.sample_weights)
-        wide = identifiability_of(rows, found, np.zeros((7, 7)))[0].std
-        inside.append([np.abs(found.value - truth(model)) < 1.96 * std for std in (found.std, wide)])
+        result = RobustLeastSquares(loss)(problem)
+        rows = replace(problem.regression, weights=result.residual.sample_weights)
+        wide = identifiability_of(rows, result, np.zeros((7, 7)))[0].std
+        inside.append([np.abs(result.value - truth(model)) < 1.96 * std for std in (result.std, wide)])
         plain = LeastSquares()(problem)
-        assert (found.std < 0.2 * plain.std).all()
-        np.testing.assert_allclose(found.residual.sigma, 0.05, rtol=0.4)
+        assert (result.std < 0.2 * plain.std).all()
+        np.testing.assert_allclose(result.residual.sigma, 0.05, rtol=0.4)
     covered = np.mean(inside, axis=(0, 2))
     assert (covered > 0.9).all() == (loss == "tukey" or not one_sided), covered  # 140 intervals: 0.9 is 2.7 deviations
 
@@ -96,7 +96,7 @@ def test_every_tenth_torque_wrong(loss, one_sided):
 def test_huber_halves_a_bias_that_tukey_removes():
     model = slider(values=(5.0, 8.0, 3.0, 0.5))
     problem = make_problem(model, spoilt(multisine_motion(model, 0.05), 0.1, one_sided=True))
-    off = {one: abs(one(problem).value[2] - 3.0) for one in (LeastSquares(), *map(RobustLeastSquares, LOSSES))}
+    off = {x: abs(x(problem).value[2] - 3.0) for x in (LeastSquares(), *map(RobustLeastSquares, LOSSES))}
     plain, huber, tukey = off.values()
     assert plain > 0.1
     assert huber < 0.2 * plain
@@ -115,10 +115,10 @@ def test_rows_of_every_kind(loss):
         Regression(model, (odd, motions[1]), selection=Selection(min_speed=(0.1, 0.1))),
         Regression(model, motions, Selection(ParallelFilter(decimate=3))),
     ):
-        found = RobustLeastSquares(loss)(Problem(model, regression.motions, regression))
-        assert [one.shape for one in found.residual.sample_weights] == [(800, 2)] * 2
-        assert [one.shape for one in found.residual.slopes] == [(800, 2)] * 2
-        assert (np.abs(found.value - truth(model)) < 4.5 * found.std).all()
+        result = RobustLeastSquares(loss)(Problem(model, regression.motions, regression))
+        assert [sample_weight.shape for sample_weight in result.residual.sample_weights] == [(800, 2)] * 2
+        assert [slope.shape for slope in result.residual.slopes] == [(800, 2)] * 2
+        assert (np.abs(result.value - truth(model)) < 4.5 * result.std).all()
 
 
 def test_weights_of_the_regression_count_besides():
@@ -126,25 +126,25 @@ def test_weights_of_the_regression_count_besides():
     made = multisine_motion(model, 0.05)
     halves = np.where(np.arange(len(made)) < 1500, 1.0, 1e-9)[:, None] * np.ones((1, 2))
     weighted = Problem(model, (made,), Regression(model, (made,), weights=(halves,)))
-    found = RobustLeastSquares(tuning=1e5)(weighted)
+    result = RobustLeastSquares(tuning=1e5)(weighted)
     alone = LeastSquares(weights="per_joint", iterations=50)(
         make_problem(model, made.select_between(stop=made.t[1499]))
     )
-    np.testing.assert_allclose(found.value, alone.value, atol=0.02 * alone.std.min())
+    np.testing.assert_allclose(result.value, alone.value, atol=0.02 * alone.std.min())
 
 
 def test_too_few_steps_are_said():
     problem = make_problem(two_link_arm(), spoilt(multisine_motion(two_link_arm(), 0.05), 0.3))
-    found = RobustLeastSquares(iterations=1)(problem)
-    assert any(isinstance(one, StillMoving) for one in found.notes)
-    assert not found.converged
+    result = RobustLeastSquares(iterations=1)(problem)
+    assert any(isinstance(note, StillMoving) for note in result.notes)
+    assert not result.converged
 
 
 @pytest.mark.parametrize("size", [0.0, 1.0])
 def test_nothing_moves(size):
     """A joint at rest whose torque is zero, or constant."""
-    found = RobustLeastSquares()(location(np.full(20, size)))
-    np.testing.assert_allclose(found.value, size, atol=1e-12)
+    result = RobustLeastSquares()(location(np.full(20, size)))
+    np.testing.assert_allclose(result.value, size, atol=1e-12)
 
 
 ARM = two_link_arm()
@@ -159,9 +159,9 @@ def test_a_step_is_to_the_weighted_solution(parallel_filter):
     rows = BaseRows.of(regression, np.array(ARM.values), rank)
     weights, joints = np.random.default_rng(0).random((500, 2)), np.array([1.0, 4.0])
     ways = []
-    for one in (rows, replace(rows, cached_blocks=None)):
-        errors = one.errors(np.zeros(7))
-        ways.append(one.value(one.step([weights], errors.residuals, joints)[0]))
+    for case in (rows, replace(rows, cached_blocks=None)):
+        errors = case.errors(np.zeros(7))
+        ways.append(case.value(case.step([weights], errors.residuals, joints)[0]))
     weighted = replace(regression, weights=(np.sqrt(weights * joints),))
     np.testing.assert_allclose(ways[0], LeastSquares()(_posed(weighted)).value, rtol=1e-9)
     np.testing.assert_array_equal(*ways)

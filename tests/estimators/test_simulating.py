@@ -29,7 +29,7 @@ def smooth(samples: int = SAMPLES) -> Motion:
     w, size = np.array([2.0, 5.3, 11.0]), np.array([0.1, 0.05, 0.02])
     a = t[:, None] * w
     q, dq, ddq = (np.sin(a) @ size, np.cos(a) @ (w * size), -np.sin(a) @ (w * w * size))
-    q, dq, ddq = (one[:, None] for one in (q, dq, ddq))
+    q, dq, ddq = (x[:, None] for x in (q, dq, ddq))
     tau = MODEL.torque(q, dq, ddq, TRUTH)
     return Motion(t, q, dq, ddq, tau, ("slider",), np.ones(samples, dtype=bool), "run")
 
@@ -40,38 +40,38 @@ OPEN = smooth()
 @pytest.mark.parametrize("estimator", [OutputError(), Didim()], ids=repr)
 def test_errors_hold_in_a_loop(estimator: OutputError | Didim) -> None:
     """95 % intervals of white noise, which positions have, too; the limit is 4 standard errors of the share."""
-    found = [estimator(posed(recorded(MOTION, CONTROLLER, seed))) for seed in range(RUNS)]
-    inside = np.mean([np.abs(one.value - TRUTH) < 1.96 * one.std for one in found])
+    result = [estimator(posed(recorded(MOTION, CONTROLLER, seed))) for seed in range(RUNS)]
+    inside = np.mean([np.abs(x.value - TRUTH) < 1.96 * x.std for x in result])
     assert inside >= 0.95 - 4 * np.sqrt(0.95 * 0.05 / RUNS), inside
-    spread = np.std([one.value for one in found], axis=0) / np.mean([one.std for one in found], axis=0)
+    spread = np.std([x.value for x in result], axis=0) / np.mean([x.std for x in result], axis=0)
     assert (spread > 0.4).all(), spread
-    assert all(one.residual.correlated and one.information is not None and one.converged for one in found)
+    assert all(x.residual.correlated and x.information is not None and x.converged for x in result)
 
 
 def test_errors_hold_in_segments_that_the_torque_drives() -> None:
     """Noise of the torque moves the model: residuals are correlated along a segment, and intervals hold."""
-    found = [OutputError(segment=0.3)(posed(recorded(OPEN, None, seed, 2e-5, 0.2))) for seed in range(RUNS)]
-    inside = np.mean([np.abs(one.value - TRUTH) < 1.96 * one.std for one in found])
+    result = [OutputError(segment=0.3)(posed(recorded(OPEN, None, seed, 2e-5, 0.2))) for seed in range(RUNS)]
+    inside = np.mean([np.abs(x.value - TRUTH) < 1.96 * x.std for x in result])
     assert inside >= 0.95 - 4 * np.sqrt(0.95 * 0.05 / RUNS), inside
-    spread = np.std([one.value for one in found], axis=0) / np.mean([one.std for one in found], axis=0)
+    spread = np.std([x.value for x in result], axis=0) / np.mean([x.std for x in result], axis=0)
     assert (spread > 0.3).all(), spread
 
 
 def test_agrees_with_maximum_likelihood() -> None:
     """Of a torque with next to no noise both have the noise of the positions only."""
     log, motion = recorded(OPEN, None, 1, 1e-5, 1e-4)
-    found, best = OutputError(segment=0.3)(posed((log, motion))), MaximumLikelihood()(posed((log, motion)))
-    both = np.hypot(found.std, best.std)
-    assert (np.abs(found.value - best.value) < 4 * both).all(), (found.value - best.value) / both
-    assert (np.abs(found.value - TRUTH) < 4 * found.std).all()
+    result, best = OutputError(segment=0.3)(posed((log, motion))), MaximumLikelihood()(posed((log, motion)))
+    both = np.hypot(result.std, best.std)
+    assert (np.abs(result.value - best.value) < 4 * both).all(), (result.value - best.value) / both
+    assert (np.abs(result.value - TRUTH) < 4 * result.std).all()
 
 
 def test_a_command_that_is_known_drives_the_model() -> None:
     """The measured torque is wrong by a factor, the commanded one is right."""
     log, motion = recorded(OPEN, None, 0, 1e-6, 0.0)
     log, motion = replace(log, tau=1.1 * log.tau, command=OPEN.tau), replace(motion, tau=1.1 * motion.tau)
-    found, wrong = (OutputError(torque=one, segment=0.5)(posed((log, motion))) for one in ("commanded", "measured"))
-    np.testing.assert_allclose(found.value, TRUTH, rtol=0.01)
+    result, wrong = (OutputError(torque=x, segment=0.5)(posed((log, motion))) for x in ("commanded", "measured"))
+    np.testing.assert_allclose(result.value, TRUTH, rtol=0.01)
     np.testing.assert_allclose(wrong.value, 1.1 * TRUTH, rtol=0.01)
     with pytest.raises(MissingInputError, match=r"log 0: the commanded torque .*\(Log.command\)"):
         OutputError(torque="commanded")(posed((replace(log, command=None), motion)))
@@ -85,10 +85,10 @@ def test_gaps_and_several_recordings() -> None:
     mask[120:150] = False
     q = np.where(mask[:, None], log.q, 1.0)
     for kind in ("closed", "open"):
-        gap = [(replace(log, q=one), replace(motion, mask=mask)) for one in (q, log.q)]
-        found = [OutputError(loop=kind, segment=0.3)(posed(one, pairs[1])) for one in gap]
-        np.testing.assert_array_equal(found[0].value, found[1].value)
-        assert (np.abs(found[0].value - TRUTH) < 6 * found[0].std).all()
+        gap = [(replace(log, q=x), replace(motion, mask=mask)) for x in (q, log.q)]
+        result = [OutputError(loop=kind, segment=0.3)(posed(x, pairs[1])) for x in gap]
+        np.testing.assert_array_equal(result[0].value, result[1].value)
+        assert (np.abs(result[0].value - TRUTH) < 6 * result[0].std).all()
 
 
 def test_a_torque_stamped_late_drives_the_model_then() -> None:
@@ -96,10 +96,10 @@ def test_a_torque_stamped_late_drives_the_model_then() -> None:
     long = smooth(600)
     log, motion = recorded(long, None, 0, 0.0, 0.0)
     at = long.shift(-0.003)
-    late = replace(log, q=at.q)
+    delayed = replace(log, q=at.q)
     shifted = replace(motion, q=at.q, dq=at.dq, ddq=at.ddq).shift(0.003)
-    found = OutputError(segment=0.5)(posed((late, shifted)))
-    np.testing.assert_allclose(found.value, TRUTH, rtol=2e-3)
+    result = OutputError(segment=0.5)(posed((delayed, shifted)))
+    np.testing.assert_allclose(result.value, TRUTH, rtol=2e-3)
 
 
 def test_a_joint_that_rests_stops_nothing() -> None:
@@ -108,9 +108,9 @@ def test_a_joint_that_rests_stops_nothing() -> None:
     t, zero = STEP * np.arange(n), np.zeros((n, 1))
     motion = Motion(t, zero, zero, zero, zero + 0.5, ("slider",), np.ones(n, dtype=bool), "still")
     log = Log(t, zero, zero + 0.5, ("slider",), "still")
-    found = OutputError(segment=0.1)(posed((log, motion), model=model))
-    assert np.isfinite(found.value).all()
-    assert np.isinf(found.std[0])
+    result = OutputError(segment=0.1)(posed((log, motion), model=model))
+    assert np.isfinite(result.value).all()
+    assert np.isinf(result.std[0])
 
 
 def test_needs_what_it_is_told_to_use() -> None:
@@ -141,11 +141,11 @@ def test_what_needs_more_memory_than_there_is_is_refused_before_it_is_simulated(
 
 def test_an_arm_is_found_in_a_loop() -> None:
     model = two_link_arm()
-    found = Didim()(
+    result = Didim()(
         close_loops(plain(model, multisine_motion(model, noise=0.01, samples=400).select_between(stop=2.5)))
     )
-    assert (np.abs(found.value - model.values) < 4 * found.std).all()
-    assert found.converged
+    assert (np.abs(result.value - model.values) < 4 * result.std).all()
+    assert result.converged
 
 
 def test_a_torque_that_is_stamped_earlier_is_compared_then() -> None:
@@ -153,8 +153,8 @@ def test_a_torque_that_is_stamped_earlier_is_compared_then() -> None:
     log, motion = recorded(MOTION, CONTROLLER, 0, 0.0, 0.0)
     tau = np.vstack((log.tau[1:], log.tau[-1:]))  # stamped one sample too early
     step = float(log.t[1] - log.t[0])
-    late = replace(motion, tau=tau).shift(step)
-    problem = posed((replace(log, tau=tau), late))
+    delayed = replace(motion, tau=tau).shift(step)
+    problem = posed((replace(log, tau=tau), delayed))
     right, wrong = Didim()(problem), Didim()(posed((replace(log, tau=tau), replace(motion, tau=tau))))
     assert np.abs(right.value - TRUTH).max() < 0.1 * np.abs(wrong.value - TRUTH).max()
 
@@ -164,16 +164,16 @@ def test_equations_that_are_left_out_do_not_count() -> None:
     keep = np.ones(motion.tau.shape, dtype=bool)
     keep[100:150] = False
     spoilt = replace(motion, tau=np.where(keep, motion.tau, 1e3), keep=keep)
-    found = [Didim()(posed((log, one))).value for one in (spoilt, replace(motion, keep=keep))]
-    np.testing.assert_array_equal(*found)
+    result = [Didim()(posed((log, x))).value for x in (spoilt, replace(motion, keep=keep))]
+    np.testing.assert_array_equal(*result)
 
 
 def test_needs_a_controller_that_sees_the_positions() -> None:
     log, motion = recorded(MOTION, None, 0)
     with pytest.raises(MissingInputError, match=r"log 0: the closed loop is to be simulated, but .* `simulation`"):
         Didim()(posed((log, motion)))
-    one, still = np.ones(1), np.zeros_like(log.q)
-    blind = Function(("slider",), log.t, log.q, lambda t, q, dq, reference: [np.sin(2 * t)], one, np.inf * one, still)
+    ones, still = np.ones(1), np.zeros_like(log.q)
+    blind = Function(("slider",), log.t, log.q, lambda t, q, dq, reference: [np.sin(2 * t)], ones, np.inf * ones, still)
     with pytest.raises(MissingInputError, match=r"log 0: no parameter of the model changes .* Use output_error"):
         Didim()(posed((replace(log, controller=blind), motion)))
 
@@ -195,21 +195,21 @@ def test_a_loop_that_runs_away_is_said() -> None:
 
 def test_begins_elsewhere_where_least_squares_cannot_be_simulated() -> None:
     """Accelerations of the wrong sign: no fit to them has a mass that the loop can move."""
-    known = Model(
+    reference = Model(
         tuple(replace(term, values=(value,)) for term, value in zip(MODEL.terms, (4.0, 5.0, 0.0), strict=True))
     )
     log, motion = recorded(MOTION, CONTROLLER, 0)
     wrong, right = replace(motion, ddq=-motion.ddq), Didim()(posed((log, motion))).value
-    for one, start in ((log, FirstModel.SMOOTHED), (replace(log, q=-log.q), FirstModel.NOMINAL)):
-        found = Didim()(posed((one, wrong), model=known))
-        assert StartedElsewhere(start) in found.notes
-        np.testing.assert_allclose(found.value, right, rtol=1e-3)
+    for case, start in ((log, FirstModel.SMOOTHED), (replace(log, q=-log.q), FirstModel.NOMINAL)):
+        result = Didim()(posed((case, wrong), model=reference))
+        assert StartedElsewhere(start) in result.notes
+        np.testing.assert_allclose(result.value, right, rtol=1e-3)
 
 
 def test_says_that_it_has_not_converged() -> None:
     log, motion = recorded(MOTION, CONTROLLER, 0)
     log = replace(log, q=-log.q)  # of which no better start can be made
-    found = Didim(iterations=1)(posed((log, replace(motion, ddq=0.2 * motion.ddq, dq=0.2 * motion.dq))))
-    (note,) = [one for one in found.notes if isinstance(one, StillMoving)]
+    result = Didim(iterations=1)(posed((log, replace(motion, ddq=0.2 * motion.ddq, dq=0.2 * motion.dq))))
+    (note,) = [note for note in result.notes if isinstance(note, StillMoving)]
     assert note.iterations == 1
-    assert not found.converged
+    assert not result.converged

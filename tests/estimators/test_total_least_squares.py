@@ -44,11 +44,11 @@ def test_textbook():
     """With equal errors in all entries it is the last right singular vector of [X y]."""
     rng = np.random.default_rng(0)
     X = rng.standard_normal((200, 3)) @ np.diag([1.0, 2.0, 0.5])
-    whole = np.column_stack([X, X @ [1.0, -2.0, 3.0]]) + 0.1 * rng.standard_normal((200, 4))
-    factor = np.linalg.qr(whole, mode="r")
-    v = np.linalg.svd(whole)[2][-1]
-    found = _solve_total(factor, 7.0 * np.eye(3), rank_of(factor), 200, 7.0)
-    np.testing.assert_allclose(found.value, -v[:3] / v[3], rtol=1e-9)
+    full = np.column_stack([X, X @ [1.0, -2.0, 3.0]]) + 0.1 * rng.standard_normal((200, 4))
+    factor = np.linalg.qr(full, mode="r")
+    v = np.linalg.svd(full)[2][-1]
+    result = _solve_total(factor, 7.0 * np.eye(3), rank_of(factor), 200, 7.0)
+    np.testing.assert_allclose(result.value, -v[:3] / v[3], rtol=1e-9)
 
 
 def test_exact_columns_stay_exact():
@@ -62,8 +62,8 @@ def test_exact_columns_stay_exact():
     v = np.linalg.svd(left)[2][-1]
     rest = -v[:2] / v[2]
     first = (factor[0, 3] - factor[0, 1:3] @ rest) / factor[0, 0]
-    found = _solve_total(factor, np.diag([0.0, 1.0, 1.0]), rank_of(factor), 300, 1.0)
-    np.testing.assert_allclose(found.value, [first, *rest], rtol=1e-9)
+    result = _solve_total(factor, np.diag([0.0, 1.0, 1.0]), rank_of(factor), 300, 1.0)
+    np.testing.assert_allclose(result.value, [first, *rest], rtol=1e-9)
 
 
 @pytest.mark.parametrize("torque", [None, 0.05], ids=["torque error unknown", "known"])
@@ -72,8 +72,8 @@ def test_consistent_with_honest_errors(torque):
     errors, inside, off = (0.3, 0.1), [], []
     for seed in range(40):
         problem = noisy(errors, 0.05, seed, 1000)
-        found, plain = stated(errors, torque)(problem), LeastSquares()(problem)
-        inside.append(np.abs(found.value - [2.0, 0.7, 0.4]) < 1.96 * found.std)
+        result, plain = stated(errors, torque)(problem), LeastSquares()(problem)
+        inside.append(np.abs(result.value - [2.0, 0.7, 0.4]) < 1.96 * result.std)
         off.append(np.abs(plain.value[0] - 2.0) / plain.std[0])
     assert np.min(off) > 4
     assert 0.89 < np.mean(inside) < 0.995  # of 120
@@ -101,11 +101,11 @@ def test_noise_of_the_positions():
         log = recorded(2e-3, seed)
         smooth = Spline(sigma=1.8e-3)(log)
         problem = Problem(arm, (smooth,), Regression(arm, (smooth,)), (log,))
-        found = TotalLeastSquares()(problem)
-        assert found.information is not None
+        result = TotalLeastSquares()(problem)
+        assert result.information is not None
         plain.append(LeastSquares()(problem).value / arm.values - 1)
-        total.append(found.value / arm.values - 1)
-        std.append(found.std / arm.values)
+        total.append(result.value / arm.values - 1)
+        std.append(result.std / arm.values)
     assert (np.mean(plain, axis=0) < -0.04).all()
     assert (np.abs(np.mean(total, axis=0)) < 0.2 * np.abs(np.mean(plain, axis=0))).all()
     assert (np.sqrt(np.square(total).mean(axis=0)) < 2 * np.mean(std, axis=0)).all()
@@ -116,14 +116,14 @@ def test_only_directions_that_the_data_determine():
     model = arm.with_terms(RotorInertia(arm.joints))  # a rotor's inertia adds to that of its link
     problem = make_problem(model, multisine_motion(arm, 0.05))
     sizes = dict.fromkeys(model.names, 1e-3)
-    found = TotalLeastSquares(sizes)(problem)
+    result = TotalLeastSquares(sizes)(problem)
     plain = LeastSquares(weights="per_joint")(problem)
-    assert found.determined.rank == plain.determined.rank < len(model.names)
-    np.testing.assert_array_equal(np.isinf(found.std), np.isinf(plain.std))
-    np.testing.assert_allclose(found.value, plain.value, atol=4 * plain.std[np.isfinite(plain.std)].max())
+    assert result.determined.rank == plain.determined.rank < len(model.names)
+    np.testing.assert_array_equal(np.isinf(result.std), np.isinf(plain.std))
+    np.testing.assert_allclose(result.value, plain.value, atol=4 * plain.std[np.isfinite(plain.std)].max())
     held = PhysicallyConsistent(fit=TotalLeastSquares(sizes), prior="none")(problem)
-    known = ~held.determined.directions.undetermined_mask
-    np.testing.assert_allclose(held.value[known], found.value[known], atol=0.1 * found.std[known].max())
+    reference = ~held.determined.directions.undetermined_mask
+    np.testing.assert_allclose(held.value[reference], result.value[reference], atol=0.1 * result.std[reference].max())
 
 
 def test_large_errors_are_said():
@@ -137,7 +137,7 @@ def test_large_errors_are_said():
 def test_more_error_than_motion_forbids_any_use_also_of_a_consistent_fit():
     size, problem = (1.1, 0.0), noisy((1.1, 0.0), 0.05)
     for estimator in (stated(size), PhysicallyConsistent(fit=stated(size), prior="none")):
-        (note,) = (one for one in estimator(problem).notes if isinstance(one, ErrorsInRegressor))
+        (note,) = (note for note in estimator(problem).notes if isinstance(note, ErrorsInRegressor))
         assert note.forbidden is Use.CONTROL
 
 
@@ -193,8 +193,8 @@ def test_errors_that_are_drawn_are_as_large_as_the_true_ones(smoother, sigma):
 def test_shifted_positions():
     log = recorded(2e-3)
     motion = Spline(sigma=1.8e-3)(log)
-    late = motion.shift(0.02)
-    near, far = motion_noise(log, motion), motion_noise(log, late, 0.02)
+    delayed = motion.shift(0.02)
+    near, far = motion_noise(log, motion), motion_noise(log, delayed, 0.02)
     np.testing.assert_allclose(far.cutoff, near.cutoff, rtol=0.15)
 
 

@@ -38,37 +38,37 @@ def test_errors_are_those_of_the_bound() -> None:
 
 
 def test_the_noise_is_found_and_nothing_is_to_be_noted() -> None:
-    found = GeneralisedLeastSquares()(noisy(COLOURED, 0, 10_000))
-    noise = found.residual.whitening
+    result = GeneralisedLeastSquares()(noisy(COLOURED, 0, 10_000))
+    noise = result.residual.whitening
     assert noise is not None
     assert noise.orders == COLOURED.orders
     np.testing.assert_allclose(noise.covariance, COLOURED.covariance, rtol=0.06)
-    assert found.notes == ()
-    np.testing.assert_allclose(found.residual.sigma, [0.0204, 0.0281], rtol=0.2)  # N m, not whitened
+    assert result.notes == ()
+    np.testing.assert_allclose(result.residual.sigma, [0.0204, 0.0281], rtol=0.2)  # N m, not whitened
 
 
 def test_logs_are_not_joined() -> None:
     together, order = noisy(COLOURED, 2, 800, count=3), (2, 0, 1)
     turned = make_problem(ARM, *(together.motions[k] for k in order))
-    one, other = GeneralisedLeastSquares()(together), GeneralisedLeastSquares()(turned)
-    np.testing.assert_allclose(other.value, one.value, rtol=1e-7)
+    first, second = GeneralisedLeastSquares()(together), GeneralisedLeastSquares()(turned)
+    np.testing.assert_allclose(second.value, first.value, rtol=1e-7)
 
 
 def test_an_error_of_the_model_is_said_and_does_little_harm() -> None:
     exact, rng = multisine_motion(ARM, noise=1e-3), np.random.default_rng(0)
     rough = exact.ddq + 0.5 * rng.standard_normal(exact.ddq.shape)
     lacking = replace(exact, ddq=rough, tau=exact.tau + 0.3 * np.sin(3.0 * exact.q))
-    found = GeneralisedLeastSquares()(make_problem(ARM, lacking))
+    result = GeneralisedLeastSquares()(make_problem(ARM, lacking))
     plain = LeastSquares(weights="per_joint")(make_problem(ARM, lacking))
-    assert [type(note) for note in found.notes] == [StillColoured, WhiteningCostly]
-    assert [note.forbidden for note in found.notes] == [None, Use.SIMULATION]
-    assert (found.residual.sigma < 4 * plain.residual.sigma).all()
+    assert [type(note) for note in result.notes] == [StillColoured, WhiteningCostly]
+    assert [note.forbidden for note in result.notes] == [None, Use.SIMULATION]
+    assert (result.residual.sigma < 4 * plain.residual.sigma).all()
 
 
 def test_an_iteration_that_ends_early_says_so() -> None:
-    found = GeneralisedLeastSquares(iterations=1)(noisy(COLOURED, 0))
-    assert [type(note) for note in found.notes] == [NotConverged]
-    assert not found.converged
+    result = GeneralisedLeastSquares(iterations=1)(noisy(COLOURED, 0))
+    assert [type(note) for note in result.notes] == [NotConverged]
+    assert not result.converged
 
 
 def test_bound_of_correlated_noise() -> None:
@@ -83,33 +83,33 @@ def test_bound_of_correlated_noise() -> None:
 
 def test_with_independent_noise_it_is_least_squares_weighted_by_joint() -> None:
     posed_one = make_problem(ARM, multisine_motion(ARM, noise=0.01))
-    found, plain = WeightedLeastSquares()(posed_one), LeastSquares(weights="per_joint", iterations=20)(posed_one)
-    np.testing.assert_allclose(found.value, plain.value, atol=0.01 * plain.std.min())
-    np.testing.assert_allclose(found.std, plain.std, rtol=1e-3)
-    assert found.residual.whitening is not None
-    assert not found.residual.whitening.mixes
+    result, plain = WeightedLeastSquares()(posed_one), LeastSquares(weights="per_joint", iterations=20)(posed_one)
+    np.testing.assert_allclose(result.value, plain.value, atol=0.01 * plain.std.min())
+    np.testing.assert_allclose(result.std, plain.std, rtol=1e-3)
+    assert result.residual.whitening is not None
+    assert not result.residual.whitening.mixes
 
 
 def test_one_joint_is_plain_least_squares() -> None:
-    one = slider(values=(5.0, 8.0, 3.0, 0.5))
-    given = make_problem(one, multisine_motion(one, noise=0.1))
-    found, plain = WeightedLeastSquares()(given), LeastSquares()(given)
-    np.testing.assert_allclose(found.value, plain.value, rtol=1e-9)
-    np.testing.assert_allclose(found.covariance, plain.covariance, rtol=1e-9)
+    case = slider(values=(5.0, 8.0, 3.0, 0.5))
+    given = make_problem(case, multisine_motion(case, noise=0.1))
+    result, plain = WeightedLeastSquares()(given), LeastSquares()(given)
+    np.testing.assert_allclose(result.value, plain.value, rtol=1e-9)
+    np.testing.assert_allclose(result.covariance, plain.covariance, rtol=1e-9)
 
 
 def test_an_arm_whose_parameters_are_not_all_determined() -> None:
     given = problem(arm(), samples=600)
-    found, plain = WeightedLeastSquares()(given), LeastSquares(weights="per_joint")(given)
-    assert found.determined.rank == plain.determined.rank < len(found.value)
-    np.testing.assert_array_equal(np.isinf(found.std), np.isinf(plain.std))
+    result, plain = WeightedLeastSquares()(given), LeastSquares(weights="per_joint")(given)
+    assert result.determined.rank == plain.determined.rank < len(result.value)
+    np.testing.assert_array_equal(np.isinf(result.std), np.isinf(plain.std))
     basis = plain.determined.directions
     assert basis is not None
-    known = basis.determined_directions.T @ np.diag(basis.scale**2)
-    change = known @ (found.value - plain.value)
-    assert np.linalg.norm(change) < 0.1 * np.linalg.norm(known @ plain.value)
-    assert found.unwhitened_rank is not None
-    assert found.unwhitened_rank.rank == found.determined.rank
+    reference = basis.determined_directions.T @ np.diag(basis.scale**2)
+    change = reference @ (result.value - plain.value)
+    assert np.linalg.norm(change) < 0.1 * np.linalg.norm(reference @ plain.value)
+    assert result.unwhitened_rank is not None
+    assert result.unwhitened_rank.rank == result.determined.rank
     consistent = PhysicallyConsistent(fit=WeightedLeastSquares(), costs=False)(given)
     assert min(consistent.consistency.eigenvalues.values()) > 0  # type: ignore[union-attr]
     assert consistent.residual.whitening is not None
@@ -130,17 +130,17 @@ WHITENING = pytest.mark.parametrize("estimator", [GeneralisedLeastSquares(), Wei
 def test_a_filter_with_decimation_and_slow_samples(estimator: LinearEstimator) -> None:
     (motion,) = noisy(COLOURED if estimator == GeneralisedLeastSquares() else CORRELATED, 1, 6000).motions
     for low, slow in ((ParallelFilter(decimate=4), None), (ParallelFilter(decimate=4), (0.2, 0.2)), (None, (0.2, 0.2))):
-        found = estimator(Problem(ARM, (motion,), Regression(ARM, (motion,), Selection(low, slow))))
-        assert (np.abs(found.value - ARM.values) < 4.5 * found.std).all()
+        estimate = estimator(Problem(ARM, (motion,), Regression(ARM, (motion,), Selection(low, slow))))
+        assert (np.abs(estimate.value - ARM.values) < 4.5 * estimate.std).all()
 
 
 @WHITENING
 @pytest.mark.parametrize("samples", [4, 5, 8, 20])
 def test_few_samples(estimator: LinearEstimator, samples: int) -> None:
     short = make_problem(ARM, replace(multisine_motion(ARM, noise=0.01), mask=np.arange(2000) < samples))
-    found = estimator(short)
-    assert np.isfinite(found.value).all()
-    assert (found.std > 0).all()
+    estimate = estimator(short)
+    assert np.isfinite(estimate.value).all()
+    assert (estimate.std > 0).all()
 
 
 @pytest.mark.parametrize(

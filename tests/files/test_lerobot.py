@@ -156,10 +156,10 @@ def test_an_episode_of_a_large_file_is_within_the_budget(tmp_path: Path) -> None
 def test_a_damaged_description_is_refused_in_a_sentence(version: str, tmp_path: Path) -> None:
     folder = write_data_set(tmp_path, episodes(2), NAMES, version)
     path, rng = folder / "meta" / "info.json", np.random.default_rng(0)
-    whole = path.read_bytes()
+    test_bytes = path.read_bytes()
     for _ in range(150):
-        damaged = bytearray(whole)
-        start = int(rng.integers(len(whole)))
+        damaged = bytearray(test_bytes)
+        start = int(rng.integers(len(test_bytes)))
         damaged[start : start + int(rng.integers(1, 9))] = rng.bytes(int(rng.integers(0, 9)))
         path.write_bytes(bytes(damaged))
         with suppress(InputError):  # anything else fails

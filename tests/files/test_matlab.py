@@ -15,7 +15,7 @@ from dynident.files.matlab import parse_mat as parse
 
 def parse_mat(data: bytes) -> dict:
     """Return all arrays, read."""
-    return {name: one if isinstance(one, str) else one.read() for name, one in parse(data).items()}
+    return {name: x if isinstance(x, str) else x.read() for name, x in parse(data).items()}
 
 
 KINDS = ["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "?"]
@@ -91,24 +91,24 @@ def test_objects_say_how_their_numbers_become_arrays():
     def element(kind: int, content: bytes) -> bytes:
         return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
 
-    parts = [element(6, struct.pack("<II", 17, 0)), *(element(1, one) for one in (b"recorded", b"MCOS", b"timeseries"))]
+    parts = [element(6, struct.pack("<II", 17, 0)), *(element(1, x) for x in (b"recorded", b"MCOS", b"timeseries"))]
     data = b"MATLAB 5.0".ljust(124) + b"\0\1IM" + element(14, b"".join([*parts, element(14, b"")]))
-    found = parse_mat(data)["recorded"]
-    assert isinstance(found, str)
-    assert "a timeseries object" in found
-    assert "t = x.Time;" in found
+    result = parse_mat(data)["recorded"]
+    assert isinstance(result, str)
+    assert "a timeseries object" in result
+    assert "t = x.Time;" in result
 
 
 def test_every_truncation_is_an_error_or_leaves_whole_variables_only():
     data = saved(t=np.arange(20.0), q=np.ones(3))
-    whole = parse_mat(data)
+    full = parse_mat(data)
     for size in range(128, len(data)):
         try:
             read = parse_mat(data[:size])
         except (ValueError, struct.error):
             continue
         for name, array in read.items():
-            np.testing.assert_array_equal(array, whole[name])
+            np.testing.assert_array_equal(array, full[name])
 
 
 def test_one_name_twice_is_an_error():

@@ -55,10 +55,10 @@ def obj(mesh):
 def test_a_mesh_is_read_in_each_format(name, make, tmp_path) -> None:
     path = tmp_path / name
     path.write_bytes(make(BENT))
-    found = read_mesh(path)
-    assert found.triangles.shape == BENT.triangles.shape
-    assert found.vertices[found.triangles] == pytest.approx(BENT.vertices[BENT.triangles], abs=1e-6)
-    assert len(found.vertices) == len(np.unique(BENT.vertices, axis=0)) or name == "c.obj"
+    mesh = read_mesh(path)
+    assert mesh.triangles.shape == BENT.triangles.shape
+    assert mesh.vertices[mesh.triangles] == pytest.approx(BENT.vertices[BENT.triangles], abs=1e-6)
+    assert len(mesh.vertices) == len(np.unique(BENT.vertices, axis=0)) or name == "c.obj"
 
 
 # what takes most memory for its length
@@ -158,8 +158,8 @@ def test_coal_reads_other_formats(tmp_path) -> None:
         "3 " + " ".join(map(str, row)) for row in BENT.triangles
     ]
     path.write_text(head + "\n".join(rows) + "\n")
-    found = read_mesh(path)
-    assert abs(volume(found)) == pytest.approx(volume(BENT), rel=1e-6)
+    mesh = read_mesh(path)
+    assert abs(volume(mesh)) == pytest.approx(volume(BENT), rel=1e-6)
     path.write_text("no mesh")
     with pytest.raises(InputError, match="cannot be read as a mesh"):
         read_mesh(path)
@@ -194,16 +194,16 @@ def test_a_mesh_is_found_where_robots_keep_it(name, place, tmp_path, monkeypatch
         tmp_path / "robots" / "urdf" / "arm.urdf",
         tmp_path / place,
     )
-    for one in (path, mesh):
-        one.parent.mkdir(parents=True, exist_ok=True)
+    for case in (path, mesh):
+        case.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(robot(name))
     mesh.write_bytes(stl(BENT))
     with watch_inputs():
-        found = read_geometry(dy.RigidBodies(path.read_text()), path, [tmp_path / "elsewhere"])
+        geometry = read_geometry(dy.RigidBodies(path.read_text()), path, [tmp_path / "elsewhere"])
         with pytest.raises(ConfigError, match="this run reads it"):
             refuse_inputs(mesh)
-    assert found.missing == {}
-    assert found.sources == {0: ShapeSource.COLLISION}
+    assert geometry.missing == {}
+    assert geometry.sources == {0: ShapeSource.COLLISION}
 
 
 @pytest.mark.parametrize(
@@ -217,9 +217,9 @@ def test_a_mesh_is_found_where_robots_keep_it(name, place, tmp_path, monkeypatch
 )
 def test_a_mesh_that_is_not_there_or_broken_is_said(name, said, tmp_path) -> None:
     (tmp_path / "broken.stl").write_bytes(b"solid")
-    found = read_geometry(dy.RigidBodies(robot(name)), tmp_path / "arm.urdf")
-    assert said in found.missing[name]
-    assert found.sources == {0: ShapeSource.JOINTS}
+    geometry = read_geometry(dy.RigidBodies(robot(name)), tmp_path / "arm.urdf")
+    assert said in geometry.missing[name]
+    assert geometry.sources == {0: ShapeSource.JOINTS}
 
 
 def test_a_mesh_in_millimetres_is_refused(tmp_path) -> None:
@@ -261,9 +261,11 @@ def test_no_content_of_a_mesh_costs_the_result(seed: int, suffix: str, tmp_path)
     )
     for place in rng.integers(0, len(data), rng.integers(1, 8)):
         data[place] = rng.integers(256)
-    found = identified()
+    identification = identified()
     (tmp_path / "missing.stl").write_bytes(data[: rng.integers(len(data) // 2, len(data) + 1)])
-    beside = replace(found, provenance=replace(found.provenance, model=SourceFile(str(tmp_path / "tree.urdf"))))
+    beside = replace(
+        identification, provenance=replace(identification.provenance, model=SourceFile(str(tmp_path / "tree.urdf")))
+    )
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(module.READERS, ".stl", module.READERS[suffix])
         files = run_files(beside)
@@ -275,18 +277,18 @@ def test_a_picture_that_fails_is_said_and_the_result_written(monkeypatch) -> Non
     def fail(*_: object) -> None:
         raise RuntimeError("no hull")
 
-    found = identified()
+    identification = identified()
     monkeypatch.setattr(module, "read_geometry", fail)
-    assert result_geometry(found).missing == {found.model.terms[0].source: "no hull"}
-    assert "no hull" in run_files(found)["report.html"]
+    assert result_geometry(identification).missing == {identification.model.terms[0].source: "no hull"}
+    assert "no hull" in run_files(identification)["report.html"]
 
 
 def test_the_shapes_of_a_result_are_sought_beside_its_robot_file(tmp_path) -> None:
-    found = identified()
-    assert list(result_geometry(found).missing) == ["missing.stl"]
+    identification = identified()
+    assert list(result_geometry(identification).missing) == ["missing.stl"]
     (tmp_path / "missing.stl").write_bytes(stl(BENT))
     beside = SourceFile(str(tmp_path / "tree.urdf"))
-    moved = replace(found, provenance=replace(found.provenance, model=beside))
+    moved = replace(identification, provenance=replace(identification.provenance, model=beside))
     geometry = result_geometry(moved)
     assert geometry.missing == {}
     assert geometry.sources[1] is ShapeSource.COLLISION
@@ -294,7 +296,7 @@ def test_the_shapes_of_a_result_are_sought_beside_its_robot_file(tmp_path) -> No
     large = result_geometry(moved)  # in mm: a report does without
     assert "give it a scale" in large.missing["tree.urdf"]
     assert set(large.sources.values()) == {ShapeSource.JOINTS}
-    assert result_geometry(replace(found, model=gallery.slider())) is None
+    assert result_geometry(replace(identification, model=gallery.slider())) is None
 
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)  # mm

@@ -49,8 +49,8 @@ def odd(folder: Path, kind: str) -> dict[str, str]:
     os.mkfifo(folder / f"pipe.{kind}")
     (folder / f"loop.{kind}").symlink_to(f"loop.{kind}")
     (folder / f"zero.{kind}").symlink_to("/dev/zero")
-    with socket.socket(socket.AF_UNIX) as one:
-        one.bind(str(folder / "s"))
+    with socket.socket(socket.AF_UNIX) as case:
+        case.bind(str(folder / "s"))
     (folder / f"socket.{kind}").symlink_to("s")
     names = {name: str(folder / f"{name}.{kind}") for name in ("pipe", "loop", "zero", "socket", "missing")}
     (folder / "file").write_text("")
@@ -91,14 +91,14 @@ ALLOWED = {
 
 def test_files_are_opened_in_one_place() -> None:
     root = Path(dy.__file__).parent
-    found = set()
+    result = set()
     for path in root.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
         for node in ast.walk(ast.parse(text)) if any(f"{name}(" in text for name in OPENING) else ():
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") != "read_text":  # that of the opener
                 name = getattr(node.func, "attr", getattr(node.func, "id", ""))
-                found |= {(path.relative_to(root).as_posix(), name)} if name in OPENING else set()
-    assert found <= ALLOWED, found - ALLOWED
+                result |= {(path.relative_to(root).as_posix(), name)} if name in OPENING else set()
+    assert result <= ALLOWED, result - ALLOWED
 
 
 @pytest.mark.parametrize("kind", READERS)
@@ -172,26 +172,26 @@ def test_a_device_is_not_written_over(tmp_path: Path) -> None:
 @pytest.fixture
 def store() -> Iterator[Any]:
     """Files in memory, as in an object store."""
-    found = fsspec.filesystem("memory")
-    found.pipe({"/fleet/a/one.csv": b"t,q\n", "/fleet/b/two.csv": b"t,q\n1,2\n", "/fleet/b/c/three.csv": b""})
-    yield found
-    found.rm("/fleet", recursive=True)
+    result = fsspec.filesystem("memory")
+    result.pipe({"/fleet/a/one.csv": b"t,q\n", "/fleet/b/two.csv": b"t,q\n1,2\n", "/fleet/b/c/three.csv": b""})
+    yield result
+    result.rm("/fleet", recursive=True)
 
 
 def test_addresses_are_told_from_paths() -> None:
-    assert [is_address(one) for one in ("s3://b/k", "memory://a", "logs/a.csv", "C:\\logs", "a:b/c")] == [
+    assert [is_address(x) for x in ("s3://b/k", "memory://a", "logs/a.csv", "C:\\logs", "a:b/c")] == [
         True, True, False, False, False
     ]  # fmt: skip
 
 
 @pytest.mark.usefixtures("store")
 def test_files_of_a_store_are_listed_and_fetched(tmp_path: Path) -> None:
-    found, _ = matching_files("memory://fleet/*/*.csv", tmp_path)
-    assert [one.name for one in found] == ["memory:///fleet/a/one.csv", "memory:///fleet/b/two.csv"]
-    assert [one.match_name for one in found] == ["/fleet/a/one.csv", "/fleet/b/two.csv"]
+    result, _ = matching_files("memory://fleet/*/*.csv", tmp_path)
+    assert [x.name for x in result] == ["memory:///fleet/a/one.csv", "memory:///fleet/b/two.csv"]
+    assert [x.match_name for x in result] == ["/fleet/a/one.csv", "/fleet/b/two.csv"]
     assert strip_scheme("memory://fleet/{robot}/{date}.csv") == "/fleet/{robot}/{date}.csv"
-    assert file_stamp(found[1].name, tmp_path) == found[1].stamp
-    with local_file(found[1].name, tmp_path) as path:
+    assert file_stamp(result[1].name, tmp_path) == result[1].stamp
+    with local_file(result[1].name, tmp_path) as path:
         assert (path.name, path.read_bytes()) == ("two.csv", b"t,q\n1,2\n")
     assert not path.exists()
 

@@ -43,9 +43,9 @@ def file(tmp_path):
 
 def test_lists_structs_and_dates_are_columns(file):
     table = read_columns(file)
-    found = {name: list(column) for name, column in table.columns.items() if name not in ("timestamp",)}
-    assert found.pop("observation.state[2]") == pytest.approx([np.nan] * N, nan_ok=True)
-    assert found == {
+    result = {name: list(column) for name, column in table.columns.items() if name not in ("timestamp",)}
+    assert result.pop("observation.state[2]") == pytest.approx([np.nan] * N, nan_ok=True)
+    assert result == {
         "observation.state[0]": [0, 1, 2, 3],
         "observation.state[1]": [2, 2, 2, 2],
         "action[0]": [0, 1, 2, 3],
@@ -154,8 +154,8 @@ def test_dates_go_on_from_part_to_part_over_midnight(tmp_path: Path) -> None:
     times = pl.datetime_range(pl.datetime(2024, 5, 1, 23, 59, 58), pl.datetime(2024, 5, 2, 0, 0, 3), "1s", eager=True)
     for k, part in enumerate((times[:2], times[2:])):
         pl.DataFrame({"t": part, "q": np.arange(len(part))}).write_parquet(tmp_path / f"{k}.parquet")
-    found = read_columns(tmp_path).column("t")
-    np.testing.assert_allclose(np.diff(found), 1.0)
+    result = read_columns(tmp_path).column("t")
+    np.testing.assert_allclose(np.diff(result), 1.0)
 
 
 def test_what_is_no_recording_in_parts_is_said(tmp_path: Path) -> None:

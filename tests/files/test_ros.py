@@ -44,8 +44,8 @@ def test_a_bag_is_read(tmp_path, kind):
 def test_joints_are_matched_by_name_in_every_message(tmp_path, kind):
     states = ramp(20)
     turned = [
-        replace(one, names=one.names[::-1], position=one.position[::-1], effort=one.effort[::-1]) if k % 3 else one
-        for k, one in enumerate(states)
+        replace(x, names=x.names[::-1], position=x.position[::-1], effort=x.effort[::-1]) if k % 3 else x
+        for k, x in enumerate(states)
     ]
     table, straight = (
         read_columns(write_bag(tmp_path, kind, some, name)) for some, name in ((turned, "turned"), (states, "straight"))
@@ -65,7 +65,7 @@ def test_times_are_exact_to_the_nanosecond(tmp_path):
 def test_messages_out_of_order_and_twice_are_corrected_and_reported(tmp_path, kind):
     states = ramp(10)
     moved = [*states[:3], states[5], states[4], states[3], *states[6:], states[7]]
-    arrived = [replace(one, received=10_000_000 * k) for k, one in enumerate(moved)]
+    arrived = [replace(x, received=10_000_000 * k) for k, x in enumerate(moved)]
     table = read_columns(write_bag(tmp_path, kind, arrived))
     np.testing.assert_array_equal(table.column("time"), np.arange(10) / 100)
     np.testing.assert_array_equal(table.column("a.position"), np.arange(10))
@@ -76,7 +76,7 @@ def test_messages_out_of_order_and_twice_are_corrected_and_reported(tmp_path, ki
 
 
 def test_two_publishers_of_the_same_joints_are_reported(tmp_path):
-    states = [x for one in ramp(5) for x in (one, replace(one, effort=(7.0, 7.0)))][:-3]
+    states = [x for entry in ramp(5) for x in (entry, replace(entry, effort=(7.0, 7.0)))][:-3]
     table = read_columns(write_bag(tmp_path, "db3", states))
     assert list(table.column("a.effort")) == [0, 10, 20, 30]
     assert "3 messages repeat the stamp of another one with other values" in table.notes[0]
@@ -95,7 +95,7 @@ def test_two_publishers_on_one_topic_keep_their_rows(tmp_path, kind):
 
 
 def test_several_topics_have_several_prefixes(tmp_path):
-    commands = [replace(one, effort=(), topic="/command") for one in ramp(50)]
+    commands = [replace(x, effort=(), topic="/command") for x in ramp(50)]
     gripper = ramp(9, ("finger",), "/gripper")
     states = sorted([*commands, *gripper, *ramp(7)], key=lambda one: one.stamp)
     table = read_columns(write_bag(tmp_path, "bag", states))
@@ -115,11 +115,11 @@ def test_messages_of_fewer_joints_are_apart_and_reported(tmp_path):
 
 
 def test_headers_without_stamps_give_the_time_of_receipt(tmp_path):
-    states = [replace(one, stamp=None, received=one.stamp + 5) for one in ramp(4)]
+    states = [replace(x, stamp=None, received=x.stamp + 5) for x in ramp(4)]
     table = read_columns(write_bag(tmp_path, "mcap", states))
     np.testing.assert_array_equal(table.column("time"), np.arange(4) / 100)
     assert "4 of 4 headers have no stamp" in table.notes[0]
-    states = [replace(one, stamp=1, received=one.stamp) for one in ramp(4)]
+    states = [replace(x, stamp=1, received=x.stamp) for x in ramp(4)]
     assert "most header stamps repeat" in read_columns(write_bag(tmp_path, "mcap", states, "stuck")).notes[0]
 
 

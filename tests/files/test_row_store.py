@@ -44,8 +44,8 @@ def path(tmp_path: Path) -> Path:
 def killed(path: Path, *rows: dict[str, Any], **options: Any) -> None:
     """Add rows, each in a part of its own, and stop without an end."""
     table = store(path, **options).__enter__()
-    for one in rows:
-        table.add([one])
+    for test_row in rows:
+        table.add([test_row])
         table.save()
     assert table._timer is not None
     table._timer.cancel()
@@ -92,8 +92,8 @@ def test_a_later_row_replaces_an_earlier_one_wherever_that_is(path: Path) -> Non
         table.add([row(1, value=2.0), row(4), row(4, value=3.0)])
         table.add([row(3, value=4.0)])
         assert len(table) == 5
-        found = dict(values(table))
-    assert found == {0: 0.0, 1: 2.0, 2: 0.2, 3: 12.0, 4: 12.0}
+        result = dict(values(table))
+    assert result == {0: 0.0, 1: 2.0, 2: 0.2, 3: 12.0, 4: 12.0}
     assert sorted(runs(pl.read_parquet(path))) == [0, 1, 2, 3, 4]
 
 

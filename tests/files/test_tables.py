@@ -234,8 +234,8 @@ def test_time_along_the_rows_is_seen_by_the_length_of_other_columns(tmp_path):
 @pytest.mark.parametrize("shape", [(6, 300), (300, 6), (6, 1, 300), (1, 300, 6)])
 def test_without_a_column_of_time_the_far_longer_side_is_the_time(shape, tmp_path):
     rows = np.arange(1800.0).reshape(300, 6)
-    whole = (rows if shape.index(300) < shape.index(6) else rows.T).reshape(shape)
-    np.savez(tmp_path / "a.npz", q=whole, mass=3.0)
+    full = (rows if shape.index(300) < shape.index(6) else rows.T).reshape(shape)
+    np.savez(tmp_path / "a.npz", q=full, mass=3.0)
     table = read_columns(tmp_path / "a.npz")
     np.testing.assert_array_equal(np.stack([table.columns[f"q[{k}]"] for k in range(6)], axis=1), rows)
     assert bool(table.guesses) == (shape.index(6) < shape.index(300))

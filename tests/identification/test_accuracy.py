@@ -44,56 +44,56 @@ def arm() -> AccuracyBound:
 
 def test_a_record_of_known_motion_reaches_what_least_squares_says() -> None:
     model, log = swing(sigma_q=1e-7)
-    found = accuracy_bound(model, [log])
-    np.testing.assert_allclose(found.std["now"], found.identification.estimate.std, rtol=0.02)
-    assert (found.position_share < 0.01).all()
-    assert found.alone.all()
-    assert found.names == model.names
+    bound = accuracy_bound(model, [log])
+    np.testing.assert_allclose(bound.std["now"], bound.identification.estimate.std, rtol=0.02)
+    assert (bound.position_share < 0.01).all()
+    assert bound.alone.all()
+    assert bound.names == model.names
 
 
 def test_what_is_bought() -> None:
     model, log = swing(sigma_q=1e-3)
-    found = accuracy_bound(model, [log])
-    np.testing.assert_allclose(found.std["longer"], found.std["now"] / 2, rtol=1e-9)
-    np.testing.assert_allclose(found.std["twice"], found.std["now"] / np.sqrt(2), rtol=1e-9)
+    bound = accuracy_bound(model, [log])
+    np.testing.assert_allclose(bound.std["longer"], bound.std["now"] / 2, rtol=1e-9)
+    np.testing.assert_allclose(bound.std["twice"], bound.std["now"] / np.sqrt(2), rtol=1e-9)
     for change in CHANGES:
-        assert (found.std[change] <= found.std["now"] * (1 + 1e-9)).all()
-    assert (found.std["bit"] >= found.std["now"] / 2 * (1 - 1e-9)).all()  # half the noise cannot do more
-    assert (found.std["torque"] >= found.std["now"] / 10 * (1 - 1e-9)).all()
-    assert ((found.position_share > 0) & (found.position_share < 1)).all()
-    assert (found.inflation >= 1 - 1e-9).all()
+        assert (bound.std[change] <= bound.std["now"] * (1 + 1e-9)).all()
+    assert (bound.std["bit"] >= bound.std["now"] / 2 * (1 - 1e-9)).all()  # half the noise cannot do more
+    assert (bound.std["torque"] >= bound.std["now"] / 10 * (1 - 1e-9)).all()
+    assert ((bound.position_share > 0) & (bound.position_share < 1)).all()
+    assert (bound.inflation >= 1 - 1e-9).all()
 
 
 def test_two_logs_tell_as_much_as_one_twice_as_long() -> None:
     model, log = swing()
-    one = accuracy_bound(model, [log], sigma_q=1e-4, sigma_tau=0.05)
+    bound = accuracy_bound(model, [log], sigma_q=1e-4, sigma_tau=0.05)
     two = accuracy_bound(model, {"a": log, "b": log}, sigma_q=1e-4, sigma_tau=0.05)
-    np.testing.assert_allclose(two.std["now"], one.std["twice"], rtol=1e-9)
-    assert two.samples == 2 * one.samples
+    np.testing.assert_allclose(two.std["now"], bound.std["twice"], rtol=1e-9)
+    assert two.samples == 2 * bound.samples
 
 
 def test_a_robot_of_bodies_has_bounds_of_its_base_parameters() -> None:
-    found = arm()
-    basis = found.identification.base.on_data
-    assert found.names == basis.groupings
-    assert len(found.names) < len(found.identification.model.parameters)
-    assert not found.alone.all()
-    assert np.isfinite(found.std["now"]).all()
+    test_arm = arm()
+    basis = test_arm.identification.base.on_data
+    assert test_arm.names == basis.groupings
+    assert len(test_arm.names) < len(test_arm.identification.model.parameters)
+    assert not test_arm.alone.all()
+    assert np.isfinite(test_arm.std["now"]).all()
     # the motion is known but for the accelerations at both ends, which tell much of a few parameters here
-    ratio = found.identification.errors.base_std_independent / found.std["now"]
+    ratio = test_arm.identification.errors.base_std_independent / test_arm.std["now"]
     assert (ratio < 1.01).all()
     assert np.median(ratio) == pytest.approx(1.0, abs=0.02)
 
 
 def test_the_noise_of_the_sensors_is_found() -> None:
     model, log = swing(sigma_q=1e-4, sigma_tau=0.05)
-    found = accuracy_bound(model, [log])
-    noise = noise_of(found.identification, [log], "sensor")
+    bound = accuracy_bound(model, [log])
+    noise = noise_of(bound.identification, [log], "sensor")
     np.testing.assert_allclose(noise.q, 1e-4, rtol=0.15)
     np.testing.assert_allclose(noise.tau, 0.05, rtol=0.15)
-    np.testing.assert_allclose(found.noise.tau, 0.05, rtol=0.15)
+    np.testing.assert_allclose(bound.noise.tau, 0.05, rtol=0.15)
     assert (noise.positions, noise.torques) == (Origin(Measure.SCATTER), Origin(Measure.SCATTER))
-    assert found.noise.torques == Origin(Measure.RESIDUAL)
+    assert bound.noise.torques == Origin(Measure.RESIDUAL)
 
 
 def test_an_encoder_is_as_good_as_its_step() -> None:
@@ -139,5 +139,5 @@ def test_what_the_record_does_not_show_is_infinite() -> None:
     """A motion so small that the position noise hides its acceleration tells no inertia."""
     model, t = pendulum(), np.arange(400) * 0.005
     still = Log(t, 1e-12 * np.sin(t)[:, None], 1e-9 * np.cos(3 * t)[:, None], tuple(x.name for x in model.joints))
-    found = accuracy_bound(model, [still], sigma_q=1e-3, sigma_tau=0.1)
-    assert (found.relative > 1e3).all()
+    bound = accuracy_bound(model, [still], sigma_q=1e-3, sigma_tau=0.1)
+    assert (bound.relative > 1e3).all()

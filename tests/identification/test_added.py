@@ -42,36 +42,36 @@ def test_identification_holds_the_choice_and_its_model_the_terms() -> None:
     """Bounds of parameters that are not chosen are ignored, and that is said."""
     bounds = {"Fv_j1": (0.5, None), "Fc_j1": (None, 2.0), "fore.mass": (0.1, 5.0)}
     recipe = Recipe(estimator=PhysicallyConsistent(bounds=bounds), terms="auto")
-    found = identify(Model((bodies(),)), [log(1, "train")], [log(5, "other")], recipe)
-    assert "Fc_j1" not in found.model.names
-    assert [one for one in found.warnings if isinstance(one, NotChosen)] == [NotChosen(("Fc_j1",))]
-    assert found.recipe.estimator.named == ("Fv_j1", "fore.mass")  # type: ignore[attr-defined]
-    assert found.estimate.value[found.model.names.index("Fv_j1")] >= 0.5 - 1e-9
-    choice = found.calibration.terms
-    assert found.recipe.terms is None
-    assert "Dahl" in {type(one).__name__ for one in found.model.terms}
-    assert found.model.terms[1:] == choice.terms
+    result = identify(Model((bodies(),)), [log(1, "train")], [log(5, "other")], recipe)
+    assert "Fc_j1" not in result.model.names
+    assert [warning for warning in result.warnings if isinstance(warning, NotChosen)] == [NotChosen(("Fc_j1",))]
+    assert result.recipe.estimator.named == ("Fv_j1", "fore.mass")  # type: ignore[attr-defined]
+    assert result.estimate.value[result.model.names.index("Fv_j1")] >= 0.5 - 1e-9
+    choice = result.calibration.terms
+    assert result.recipe.terms is None
+    assert "Dahl" in {type(term).__name__ for term in result.model.terms}
+    assert result.model.terms[1:] == choice.terms
     before = identify(Model((bodies(),)).with_terms(Viscous(bodies().joints)), [log(1, "train")], [log(5, "other")])
-    error = [one.validations[1].errors.relative_error for one in (found, before)]
+    error = [x.validations[1].errors.relative_error for x in (result, before)]
     assert error[0] < 0.5 * error[1]
 
 
 def test_a_second_round_finds_the_offset_that_the_plain_set_hides() -> None:
     """With the plain set alone it is found to be 0."""
-    motion, late = recorded(simulated.wide, 1, rows=2000), 0.003
+    motion, delayed = recorded(simulated.wide, 1, rows=2000), 0.003
     t = motion.t
-    q = CubicSpline(t, motion.q)(t[10:] - late) + 1e-5 * np.random.default_rng(5).standard_normal((len(t) - 10, 3))
+    q = CubicSpline(t, motion.q)(t[10:] - delayed) + 1e-5 * np.random.default_rng(5).standard_normal((len(t) - 10, 3))
     recipe = Recipe(estimator=LeastSquares(), terms="auto", time_offset="estimate")
-    found = identify(Model((bodies(),)), [Log(t[10:], q, motion.tau[10:], motion.joints, "train")], recipe=recipe)
-    offset = found.calibration.time_offset
-    assert abs(offset.seconds - late) < 3 * offset.std < late
+    result = identify(Model((bodies(),)), [Log(t[10:], q, motion.tau[10:], motion.joints, "train")], recipe=recipe)
+    offset = result.calibration.time_offset
+    assert abs(offset.seconds - delayed) < 3 * offset.std < delayed
 
 
 def test_the_checks_take_terms_that_remember_and_were_named() -> None:
     model = Model((bodies(), Dahl(bodies().joints, length=0.01)))
     logs, recipe = {"train": {"train": log(1, "train")}, "validation": {}}, Recipe(terms="auto")
-    found = with_findings(identify(model, logs["train"], recipe=recipe), model, logs, recipe)
-    assert not [one for one in found.findings if isinstance(one.message, str)]  # what a stage failed with
+    result = with_findings(identify(model, logs["train"], recipe=recipe), model, logs, recipe)
+    assert not [finding for finding in result.findings if isinstance(finding.message, str)]  # what a stage failed with
 
 
 def test_other_words_are_refused() -> None:

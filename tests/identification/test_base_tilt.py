@@ -64,34 +64,34 @@ def tilted(x: float, y: float) -> tuple[Model, Motion]:
 @pytest.mark.parametrize("estimator", [LeastSquares(), PhysicallyConsistent()], ids=["least squares", "consistent"])
 def test_a_tilt_is_found_within_its_standard_errors(estimator: LeastSquares | PhysicallyConsistent) -> None:
     model, motion = tilted(0.02, -0.035)
-    found = find_base_tilt(model, [motion], estimator)
-    assert found.x == pytest.approx(0.02, abs=4 * found.std[0])
-    assert found.y == pytest.approx(-0.035, abs=4 * found.std[1])
-    assert max(found.std) < 0.003
-    assert found.after < 0.7 * found.before
+    tilt = find_base_tilt(model, [motion], estimator)
+    assert tilt.x == pytest.approx(0.02, abs=4 * tilt.std[0])
+    assert tilt.y == pytest.approx(-0.035, abs=4 * tilt.std[1])
+    assert max(tilt.std) < 0.003
+    assert tilt.after < 0.7 * tilt.before
 
 
 def test_standard_errors_and_errors_of_a_tilt_are_those_of_the_linearised_problem() -> None:
     model, motion = tilted(0.02, -0.035)
-    found = find_base_tilt(model, [motion], LeastSquares())
+    tilt = find_base_tilt(model, [motion], LeastSquares())
 
     def regressor(x: float, y: float) -> np.ndarray:
         Y = tilt_base(model, x, y).regressor(motion.q, motion.dq, motion.ddq)
         return Y.reshape(-1, Y.shape[-1])
 
-    tau, best = motion.tau.ravel(), regressor(found.x, found.y)
+    tau, best = motion.tau.ravel(), regressor(tilt.x, tilt.y)
     value = np.linalg.lstsq(best, tau, rcond=1e-9)[0]
-    slopes = [(regressor(found.x + a, found.y + b) - best) @ value / 1e-4 for a, b in ((1e-4, 0.0), (0.0, 1e-4))]
+    slopes = [(regressor(tilt.x + a, tilt.y + b) - best) @ value / 1e-4 for a, b in ((1e-4, 0.0), (0.0, 1e-4))]
     J = np.column_stack(slopes)
     J -= best @ np.linalg.lstsq(best, J, rcond=1e-9)[0]
     rest = tau - best @ value
-    assert (np.abs(np.linalg.lstsq(J, rest)[0]) < 0.05 * np.array(found.std)).all()  # no step is left
+    assert (np.abs(np.linalg.lstsq(J, rest)[0]) < 0.05 * np.array(tilt.std)).all()  # no step is left
     std = np.sqrt(np.diag(np.linalg.inv(J.T @ J)) * (rest @ rest) / len(rest))
-    np.testing.assert_allclose(found.std, std, rtol=0.1)
+    np.testing.assert_allclose(tilt.std, std, rtol=0.1)
     level = regressor(0.0, 0.0)
     before = tau - level @ np.linalg.lstsq(level, tau, rcond=1e-9)[0]
     size = np.linalg.norm(tau) / 100
-    assert (found.before, found.after) == pytest.approx(
+    assert (tilt.before, tilt.after) == pytest.approx(
         (np.linalg.norm(before) / size, np.linalg.norm(rest) / size), rel=0.01
     )
 
@@ -126,11 +126,11 @@ def test_the_parameters_are_as_uncertain_as_fits_with_other_tilts_differ() -> No
 
     regression, estimate = fit(0.02, -0.035)
     tilt = BaseTilt(0.02, -0.035, std, 2.0, 1.0)
-    found = covariance_of_calibration(regression.model, regression, estimate, None, tilt)
+    result = covariance_of_calibration(regression.model, regression, estimate, None, tilt)
     others = [fit(0.02 + std[0], -0.035), fit(0.02, -0.035 + std[1])]
     changes = np.array([basis.to_base(other.value - estimate.value) for _, other in others])
     B = basis.combination
-    np.testing.assert_allclose(np.sqrt(np.diag(B @ found @ B.T)), np.linalg.norm(changes, axis=0), rtol=0.06)  # noise
+    np.testing.assert_allclose(np.sqrt(np.diag(B @ result @ B.T)), np.linalg.norm(changes, axis=0), rtol=0.06)  # noise
     level = covariance_of_calibration(regression.model, regression, estimate, None, replace(tilt, x=0.0, y=0.0))
     assert not level.any()
 
@@ -138,8 +138,8 @@ def test_the_parameters_are_as_uncertain_as_fits_with_other_tilts_differ() -> No
 @pytest.mark.parametrize(("x", "y"), [(0.17, 0.0), (0.0, -0.17)])
 def test_a_tilt_of_ten_degrees_is_one(x: float, y: float) -> None:
     model, motion = tilted(x, y)
-    found = find_base_tilt(model, [motion], LeastSquares())
-    assert (found.x, found.y) == pytest.approx((x, y), abs=5e-3)
+    tilt = find_base_tilt(model, [motion], LeastSquares())
+    assert (tilt.x, tilt.y) == pytest.approx((x, y), abs=5e-3)
 
 
 def test_a_tilt_within_its_standard_errors_is_none() -> None:
@@ -148,10 +148,10 @@ def test_a_tilt_within_its_standard_errors_is_none() -> None:
     noisy = replace(
         motion, tau=motion.tau + np.abs(motion.tau).max() * np.random.default_rng(1).normal(size=motion.tau.shape)
     )
-    found = find_base_tilt(model, [noisy], LeastSquares())
-    assert (found.x, found.y) == (0.0, 0.0)
-    assert found.after == found.before
-    assert min(found.std) > 0.0175
+    tilt = find_base_tilt(model, [noisy], LeastSquares())
+    assert (tilt.x, tilt.y) == (0.0, 0.0)
+    assert tilt.after == tilt.before
+    assert min(tilt.std) > 0.0175
 
 
 def test_four_gravities_tell_what_each_trial_would(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -159,8 +159,8 @@ def test_four_gravities_tell_what_each_trial_would(monkeypatch: pytest.MonkeyPat
     quick = find_base_tilt(model, [motion], LeastSquares())
     monkeypatch.setattr(base_tilt, "_affine_entries", lambda *_: None)
     slow = find_base_tilt(model, [motion], LeastSquares())
-    for one, other in zip((quick.x, quick.y, *quick.std), (slow.x, slow.y, *slow.std), strict=True):
-        assert one == pytest.approx(other, rel=1e-8)
+    for first, second in zip((quick.x, quick.y, *quick.std), (slow.x, slow.y, *slow.std), strict=True):
+        assert first == pytest.approx(second, rel=1e-8)
 
 
 def test_rows_that_are_not_affine_in_gravity_are_made_anew() -> None:
@@ -176,17 +176,17 @@ def test_rows_that_are_not_affine_in_gravity_are_made_anew() -> None:
 
 def test_torques_that_are_all_zero_show_no_tilt() -> None:
     model, motion = tilted(0.02, 0.0)
-    found = find_base_tilt(model, [replace(motion, tau=0 * motion.tau)], LeastSquares())
-    assert (found.before, found.after) == (0.0, 0.0)
+    tilt = find_base_tilt(model, [replace(motion, tau=0 * motion.tau)], LeastSquares())
+    assert (tilt.before, tilt.after) == (0.0, 0.0)
 
 
 def test_a_base_that_lies_on_its_side_is_taken_as_level_with_a_warning() -> None:
     for x, y in ((0.6, 0.0), (0.0, -0.3)):
         model, motion = tilted(x, y)
-        found = find_base_tilt(model, [motion], LeastSquares())
-        assert (found.x, found.y, found.after) == (0.0, 0.0, found.before)
-        assert found.steep == pytest.approx((x, y), abs=0.02)
-        assert found.gain.sure
+        tilt = find_base_tilt(model, [motion], LeastSquares())
+        assert (tilt.x, tilt.y, tilt.after) == (0.0, 0.0, tilt.before)
+        assert tilt.steep == pytest.approx((x, y), abs=0.02)
+        assert tilt.gain.sure
     recipe = Recipe(Spline(), base_tilt="estimate")
     result = identify(model, [Log(motion.t, motion.q, motion.tau, motion.joints)], (), recipe)
     assert [type(note) for note in result.warnings if isinstance(note, SteepBase)] == [SteepBase]
@@ -199,8 +199,8 @@ def test_what_imitates_a_tilt_in_few_stretches_is_none() -> None:
     _, leaning = tilted(0.0, 0.02)
     tau = motion.tau.copy()
     tau[1000:1060] = leaning.tau[1000:1060] + 0.5
-    found = find_base_tilt(model, [replace(motion, tau=tau)], LeastSquares())
-    assert (found.x, found.y, found.steep) == (0.0, 0.0, None)
+    tilt = find_base_tilt(model, [replace(motion, tau=tau)], LeastSquares())
+    assert (tilt.x, tilt.y, tilt.steep) == (0.0, 0.0, None)
 
 
 def test_a_level_base_with_friction_that_the_model_lacks_stays_level() -> None:
@@ -211,8 +211,8 @@ def test_a_level_base_with_friction_that_the_model_lacks_stays_level() -> None:
         load = 0.15 * np.abs(motion.tau) * np.sign(motion.dq)
         ripple = 0.1 * rms * np.sin(rng.uniform(3, 15, 3) * motion.q + rng.uniform(0, 6, 3))
         slow = 0.2 * rms * np.exp(-np.abs(motion.dq) / 0.3) * np.sign(motion.dq)
-        found = find_base_tilt(model, [replace(motion, tau=motion.tau + load + ripple + slow)], LeastSquares())
-        kept += bool(found.x or found.y or found.steep)
+        tilt = find_base_tilt(model, [replace(motion, tau=motion.tau + load + ripple + slow)], LeastSquares())
+        kept += bool(tilt.x or tilt.y or tilt.steep)
     assert kept <= 1
 
 
@@ -231,18 +231,18 @@ def test_only_a_model_with_gravity_has_a_tilt_by_which_gravity_turns_the_other_w
 def test_a_base_that_is_mounted_on_a_wall_or_a_ceiling_is_turned(mounting: tuple[float, float]) -> None:
     x, y = np.pi * mounting[0] + 0.03, np.pi * mounting[1]
     model, motion = tilted(float(x), float(y))
-    found = find_base_tilt(model, [motion], PhysicallyConsistent())
-    true, turned = (tilt_base(model, *angles).terms[0].gravity for angles in ((x, y), (found.x, found.y)))
+    tilt = find_base_tilt(model, [motion], PhysicallyConsistent())
+    true, turned = (tilt_base(model, *angles).terms[0].gravity for angles in ((x, y), (tilt.x, tilt.y)))
     assert turned == pytest.approx(true, abs=0.1)
-    assert found.after < 0.5 * found.before
-    assert "mounted" in str(found)
+    assert tilt.after < 0.5 * tilt.before
+    assert "mounted" in str(tilt)
 
 
 def test_a_gravity_that_was_set_is_kept() -> None:
     model, motion = tilted(np.pi / 2, 0.0)
     side = model.with_gravity(lambda _: (0.0, 9.81, 0.0))
-    found = find_base_tilt(side, [motion], PhysicallyConsistent())
-    assert max(abs(found.x), abs(found.y)) < 0.2
+    tilt = find_base_tilt(side, [motion], PhysicallyConsistent())
+    assert max(abs(tilt.x), abs(tilt.y)) < 0.2
 
 
 def test_an_unknown_that_acts_only_by_rounding_has_no_standard_error() -> None:

@@ -38,8 +38,8 @@ def fitted(seed: int = 0, **changes) -> Identification:
     return identify(ARM, [noisy(seed)], recipe=replace(RECIPE, **changes))
 
 
-def drawn(found: Identification, runs: int = 40, seed: int = 1, **more) -> dy.identification.Bootstrap:
-    return dy.bootstrap(found, runs, np.random.default_rng(seed), **more)
+def drawn(identification: Identification, runs: int = 40, seed: int = 1, **more) -> dy.identification.Bootstrap:
+    return dy.bootstrap(identification, runs, np.random.default_rng(seed), **more)
 
 
 def test_intervals_of_80_percent_hold_for_correlated_residuals() -> None:
@@ -47,19 +47,19 @@ def test_intervals_of_80_percent_hold_for_correlated_residuals() -> None:
     independent residuals are four times too narrow, and hold in a quarter."""
     held = plain = 0
     for seed in range(30):
-        found = fitted(seed)
-        low, high = drawn(found, 49, seed, blocks=40).interval(0.8).T
+        fit = fitted(seed)
+        low, high = drawn(fit, 49, seed, blocks=40).interval(0.8).T
         held += int(((low < ARM.values) & (ARM.values < high)).sum())
-        plain += int((np.abs(found.estimate.value - ARM.values) < 1.28 * found.errors.std_independent).sum())
+        plain += int((np.abs(fit.estimate.value - ARM.values) < 1.28 * fit.errors.std_independent).sum())
     assert 38 <= held <= 58
     assert plain < 30
 
 
 def test_the_spread_is_that_of_standard_errors_for_correlated_residuals() -> None:
-    found = fitted()
-    spread = drawn(found, 400, blocks=40)
-    assert spread.std == pytest.approx(found.errors.std, rel=0.35)
-    assert (spread.std > 2 * found.errors.std_independent).all()
+    fit = fitted()
+    spread = drawn(fit, 400, blocks=40)
+    assert spread.std == pytest.approx(fit.errors.std, rel=0.35)
+    assert (spread.std > 2 * fit.errors.std_independent).all()
     table = spread.frame(0.9)
     assert table.columns == ["parameter", "value", "std", "low", "high", "unit"]
     assert np.array_equal(table.select("low", "high").to_numpy(), spread.interval(0.9))
@@ -69,25 +69,25 @@ def test_the_spread_is_that_of_standard_errors_for_correlated_residuals() -> Non
 
 @pytest.mark.parametrize("changes", [{"estimator": PhysicallyConsistent()}, {"filter": ParallelFilter(4)}], ids=str)
 def test_an_executor_gives_the_same_to_the_bit(changes: dict) -> None:
-    found = fitted(**changes)
-    alone = drawn(found, 12, blocks=20)
+    fit = fitted(**changes)
+    alone = drawn(fit, 12, blocks=20)
     with ThreadPoolExecutor(2) as executor:
-        spread = drawn(found, 12, blocks=20, executor=executor)
+        spread = drawn(fit, 12, blocks=20, executor=executor)
     assert np.array_equal(alone.repetitions, spread.repetitions)
-    assert np.array_equal(alone.value, found.estimate.value)
+    assert np.array_equal(alone.value, fit.estimate.value)
     assert np.ptp(alone.repetitions, axis=0).all()
 
 
 def test_a_stretch_drawn_twice_counts_twice() -> None:
     """The fit to stretches is that to their rows, repeated."""
-    found = fitted()
-    regression = _training_regression(found)
+    fit = fitted()
+    regression = _training_regression(fit)
     parts = _stretches(regression, 10)
     each = factors_of_parts(regression, parts)
     counts = (2, 0, 1, 3, 0, 1, 1, 0, 2, 0)
     value = _Fit(ARM, LeastSquares(), each)((0, counts))
     blocks, first = list(regression.blocks()), parts[0].start
-    Y, tau = np.concatenate([one.Y[:, 0] for one in blocks]), np.concatenate([one.tau[:, 0] for one in blocks])
+    Y, tau = np.concatenate([block.Y[:, 0] for block in blocks]), np.concatenate([block.tau[:, 0] for block in blocks])
     often = [part for part, count in zip(parts, counts, strict=True) for _ in range(count)]
     rows = np.concatenate([np.arange(part.start, part.stop) - first for part in often])
     assert value == pytest.approx(np.linalg.lstsq(Y[rows], tau[rows])[0], rel=1e-9)
@@ -96,7 +96,7 @@ def test_a_stretch_drawn_twice_counts_twice() -> None:
 def test_what_the_data_do_not_determine_has_no_interval_but_its_base_parameters() -> None:
     arm = two_link_arm()
     motion = multisine_motion(arm)
-    both = dy.Model((*arm.terms, *(dy.Offset(arm.joints, names=(f"{one}_offset1", f"{one}_offset2")) for one in "ab")))
+    both = dy.Model((*arm.terms, *(dy.Offset(arm.joints, names=(f"{x}_offset1", f"{x}_offset2")) for x in "ab")))
     noise = 0.01 * np.random.default_rng(0).standard_normal(motion.tau.shape)
     log = Log(motion.t, motion.q, motion.tau + noise, motion.joints, "two offsets")
     spread = drawn(identify(both, [log], recipe=RECIPE), 20, blocks=20)
@@ -116,18 +116,17 @@ class Moody(Estimator):
     both: bool = False
 
     def __call__(self, problem: Problem) -> Estimate:
-        found = LeastSquares()(problem)
-        over = found.value[0] / self.value - 1.0
+        result = LeastSquares()(problem)
+        over = result.value[0] / self.value - 1.0
         if over < -1e-9 or (self.both and over > 1e-9):
             raise ValueError("not today")
-        return found
+        return result
 
 
 def test_fits_that_fail_are_counted_and_where_all_do_the_reason_is_said() -> None:
-    found = fitted()
+    fit = fitted()
     some, every = (
-        replace(found, recipe=replace(found.recipe, estimator=Moody(found.estimate.value[0], both)))
-        for both in (False, True)
+        replace(fit, recipe=replace(fit.recipe, estimator=Moody(fit.estimate.value[0], both))) for both in (False, True)
     )
     spread = drawn(some, 40, blocks=20)
     assert 0 < spread.failed < 40
@@ -137,22 +136,22 @@ def test_fits_that_fail_are_counted_and_where_all_do_the_reason_is_said() -> Non
 
 
 def test_what_cannot_be_drawn_from_is_said() -> None:
-    found = fitted()
+    fit = fitted()
     for wrong in ({"runs": 1}, {"blocks": 9}):
         with pytest.raises(ConfigError, match="give at least 2 and 10"):
-            drawn(found, **wrong)
+            drawn(fit, **wrong)
     with pytest.raises(ConfigError, match=r"level = 1\.0 of an interval"):
-        drawn(found, 5, blocks=10).interval(1.0)
+        drawn(fit, 5, blocks=10).interval(1.0)
     few = identify(ARM, [noisy(0).window(stop=0.7)], recipe=RECIPE)
     with pytest.raises(InputError, match="10 are needed"):
         drawn(few)
-    likely = replace(found.recipe, estimator=MaximumLikelihood())
-    informed = replace(found.estimate, information=np.eye(len(found.estimate.value)))
+    likely = replace(fit.recipe, estimator=MaximumLikelihood())
+    informed = replace(fit.estimate, information=np.eye(len(fit.estimate.value)))
     with pytest.raises(ConfigError, match="MaximumLikelihood needs all samples"):
-        drawn(replace(found, recipe=likely, estimate=informed))
-    weighted = replace(found.estimate, residual=replace(found.estimate.residual, sample_weights=(np.ones(1),)))
+        drawn(replace(fit, recipe=likely, estimate=informed))
+    weighted = replace(fit.estimate, residual=replace(fit.estimate.residual, sample_weights=(np.ones(1),)))
     with pytest.raises(ConfigError, match="needs all samples"):
-        drawn(replace(found, estimate=weighted))
-    loaded = replace(found, validations=tuple(replace(one, signals=None) for one in found.validations))
+        drawn(replace(fit, estimate=weighted))
+    loaded = replace(fit, validations=tuple(replace(validation, signals=None) for validation in fit.validations))
     with pytest.raises(InputError, match="identify again"):
         drawn(loaded)

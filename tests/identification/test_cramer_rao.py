@@ -34,8 +34,8 @@ TABLE = {
 @pytest.mark.parametrize(("name", "level"), TABLE)
 def test_the_articles_arm(name: str, level: float) -> None:
     arm, scenario = two_link_arm(), SCENARIOS[name]
-    found = cramer_rao_bound(arm, arm.values, scenario.truth, np.sqrt(level), scenario.sigma_tau, rest=True)
-    np.testing.assert_allclose(100 * np.sqrt(np.diag(found)) / arm.values, TABLE[name, level], rtol=0.02)
+    result = cramer_rao_bound(arm, arm.values, scenario.truth, np.sqrt(level), scenario.sigma_tau, rest=True)
+    np.testing.assert_allclose(100 * np.sqrt(np.diag(result)) / arm.values, TABLE[name, level], rtol=0.02)
 
 
 @cache
@@ -62,7 +62,7 @@ class TestBound:
                 return ((1 - part) * torques[:, k - 1] + part * torques[:, k])[:, None]
 
             made = simulate_many(model, values, torque, t, start[:, :1], start[:, 1:], tolerance=1e-11)
-            return np.stack([one.q[:, 0] for one in made])
+            return np.stack([x.q[:, 0] for x in made])
 
         at = np.concatenate([motion.tau[:, 0], [0.0, 0.0], theta])
         size = 1e-4 * np.where(at == 0, 1.0, np.abs(at))
@@ -73,20 +73,20 @@ class TestBound:
         full[:n, :n] += np.eye(n) / 0.01
         m = n + 2
         expected = full[m:, m:] - full[m:, :m] @ np.linalg.solve(full[:m, :m], full[:m, m:])
-        found = information(model, theta, motion, 1e-3, 0.1, substeps=160 // n)
-        np.testing.assert_allclose(found, expected, rtol=0.02, atol=0.01 * np.abs(expected).max())
+        result = information(model, theta, motion, 1e-3, 0.1, substeps=160 // n)
+        np.testing.assert_allclose(result, expected, rtol=0.02, atol=0.01 * np.abs(expected).max())
 
     def test_two_recordings_add_up(self) -> None:
         model, motion = swing()
-        one = cramer_rao_bound(model, model.values, motion, 1e-3, 0.1)
+        case = cramer_rao_bound(model, model.values, motion, 1e-3, 0.1)
         np.testing.assert_allclose(
-            cramer_rao_bound(model, model.values, (motion, motion), 1e-3, 0.1), one / 2, rtol=1e-9
+            cramer_rao_bound(model, model.values, (motion, motion), 1e-3, 0.1), case / 2, rtol=1e-9
         )
 
     def test_knowing_the_start_helps(self) -> None:
         model, motion = swing()
-        known, unknown = (information(model, model.values, motion, 1e-3, 0.1, rest=rest) for rest in (True, False))
-        more = np.linalg.eigvalsh(known - unknown)
+        reference, unknown = (information(model, model.values, motion, 1e-3, 0.1, rest=rest) for rest in (True, False))
+        more = np.linalg.eigvalsh(reference - unknown)
         assert more[-1] > 1.0
         assert more[0] > -1e-9 * more[-1]
 
@@ -99,7 +99,9 @@ class TestBound:
 
 
 def total(model, theta, motion, *noise, **options):
-    return sum(one.information() for one in normal_matrices(model, theta, motion, *noise, **options))
+    return sum(
+        normal_matrix.information() for normal_matrix in normal_matrices(model, theta, motion, *noise, **options)
+    )
 
 
 def robot():
@@ -120,10 +122,10 @@ def test_exact_positions_give_the_covariance_of_least_squares() -> None:
     model, theta, motion = robot()
     kept = base_parameters(Regression(model, (motion,)).triangular_factors.stack(), model.parameters).independent
     sigma = np.array([0.1, 0.5, 0.2])
-    found = total(model, theta, motion, 1e-9, sigma, columns=kept)
+    result = total(model, theta, motion, 1e-9, sigma, columns=kept)
     Y = model.regressor(motion.q, motion.dq, motion.ddq)[:, :, list(kept)] / sigma[:, None]
     expected = Y.reshape(-1, len(kept)).T @ Y.reshape(-1, len(kept))
-    bound, squares = (np.sqrt(np.diag(np.linalg.inv(S))) for S in (found, expected))
+    bound, squares = (np.sqrt(np.diag(np.linalg.inv(S))) for S in (result, expected))
     # a spline through all positions has two freedoms left, its ends: two of 401 torques
     np.testing.assert_allclose(bound, squares, rtol=0.01)
     assert (bound > squares).all()
@@ -154,14 +156,14 @@ def test_a_dense_least_squares_problem_gives_the_same(uneven: float) -> None:
     rows = sum(by[:, 0, :1] * B(t, nu) for nu, by in enumerate((slopes.q, slopes.dq, slopes.ddq)))
     J = np.block([[B(t) / 1e-2, np.zeros((len(t), 2))], [rows / 0.1, Y[:, 0] / 0.1]])
     covariance = np.linalg.inv(J.T @ J)[-2:, -2:]
-    found = total(model, model.values, motion, 1e-2, 0.1)
-    np.testing.assert_allclose(np.linalg.inv(found), covariance, rtol=1e-6)
+    result = total(model, model.values, motion, 1e-2, 0.1)
+    np.testing.assert_allclose(np.linalg.inv(result), covariance, rtol=1e-6)
 
 
 def test_sensors_three_times_as_good_tell_nine_times_as_much() -> None:
     model, motion = swing()
-    (one,) = normal_matrices(model, model.values, motion, 1e-3, 0.1)
-    np.testing.assert_allclose(one.information(3, 3), 9 * one.information(), rtol=1e-7)
+    (case,) = normal_matrices(model, model.values, motion, 1e-3, 0.1)
+    np.testing.assert_allclose(case.information(3, 3), 9 * case.information(), rtol=1e-7)
 
 
 def test_a_gap_in_the_mask_parts_the_record() -> None:
@@ -170,7 +172,7 @@ def test_a_gap_in_the_mask_parts_the_record() -> None:
     mask = np.ones(101, bool)
     mask[40:50] = False
     parts = list(normal_matrices(model, model.values, replace(motion, mask=mask), 1e-3, 0.1))
-    assert [one.border.shape[0] for one in parts] == [42, 53]
+    assert [part.border.shape[0] for part in parts] == [42, 53]
     assert (
         np.linalg.eigvalsh(total(model, model.values, motion, 1e-3, 0.1) - sum(x.information() for x in parts))[0] > 0
     )

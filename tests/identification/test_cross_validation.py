@@ -21,45 +21,45 @@ def motion(noise: float = 0.1) -> Motion:
     return multisine_motion(two_link_arm(), noise)
 
 
-def by_hand(one: Motion, keep: np.ndarray, scored: np.ndarray) -> np.ndarray:
+def by_hand(case: Motion, keep: np.ndarray, scored: np.ndarray) -> np.ndarray:
     """The errors (folds, n) by lstsq, with each joint relative to its torque."""
-    Y = two_link_arm().regressor(one.q, one.dq, one.ddq)
-    w = 1 / np.sqrt((one.tau**2 * keep).sum(axis=0))
-    found = []
-    for part in np.array_split(np.arange(len(one)), FOLDS):
+    Y = two_link_arm().regressor(case.q, case.dq, case.ddq)
+    w = 1 / np.sqrt((case.tau**2 * keep).sum(axis=0))
+    result = []
+    for part in np.array_split(np.arange(len(case)), FOLDS):
         rest = keep.copy()
         rest[part] = False
-        rows = (Y * w[:, None])[rest], (one.tau * w)[rest]
+        rows = (Y * w[:, None])[rest], (case.tau * w)[rest]
         theta = np.linalg.lstsq(*rows, rcond=None)[0]
-        found.append(((one.tau - Y @ theta) ** 2 * scored)[part].sum(axis=0))
-    return np.array(found)
+        result.append(((case.tau - Y @ theta) ** 2 * scored)[part].sum(axis=0))
+    return np.array(result)
 
 
 def test_the_errors_are_those_by_hand_also_where_other_samples_are_scored_than_fitted() -> None:
     keep, scored = np.ones((2000, 2), dtype=bool), np.ones((2000, 2), dtype=bool)
-    whole = left_out_errors(two_link_arm(), [motion()], folds=FOLDS)
-    np.testing.assert_allclose(whole, by_hand(motion(), keep, scored), rtol=1e-8)
+    full = left_out_errors(two_link_arm(), [motion()], folds=FOLDS)
+    np.testing.assert_allclose(full, by_hand(motion(), keep, scored), rtol=1e-8)
     keep[300:500, 1], scored[900:1000] = False, False
-    found = left_out_errors(
+    result = left_out_errors(
         two_link_arm(), [replace(motion(), keep=keep)], [replace(motion(), keep=scored)], folds=FOLDS
     )
-    np.testing.assert_allclose(found, by_hand(motion(), keep, scored), rtol=1e-8)
+    np.testing.assert_allclose(result, by_hand(motion(), keep, scored), rtol=1e-8)
 
 
 def test_the_gain_is_that_of_the_blocks() -> None:
     before, after = (left_out_errors(two_link_arm(), [motion(noise)], folds=FOLDS) for noise in (0.1, 0.05))
     blocks = 100 * ((before - after) / before.sum(axis=0)).mean(axis=1)
-    found = motion_gain(two_link_arm(), [motion(0.1)], [motion(0.05)], folds=FOLDS)
-    assert found.share == pytest.approx(blocks.sum())
-    assert found.share == pytest.approx(75, abs=2)
-    assert found.std == pytest.approx(np.sqrt(FOLDS) * blocks.std(ddof=1))
-    assert found.sure
+    result = motion_gain(two_link_arm(), [motion(0.1)], [motion(0.05)], folds=FOLDS)
+    assert result.share == pytest.approx(blocks.sum())
+    assert result.share == pytest.approx(75, abs=2)
+    assert result.std == pytest.approx(np.sqrt(FOLDS) * blocks.std(ddof=1))
+    assert result.sure
 
 
 @pytest.mark.parametrize("gains", [(1.0, 1.0), (1.0, 0.0)], ids=["all", "a joint without torque"])
 def test_nothing_is_gained_where_nothing_changes(gains: tuple[float, ...]) -> None:
-    one = replace(motion(), tau=motion().tau * gains)
-    assert motion_gain(two_link_arm(), [one], [one]) == Gain(0.0, 0.0)
+    case = replace(motion(), tau=motion().tau * gains)
+    assert motion_gain(two_link_arm(), [case], [case]) == Gain(0.0, 0.0)
     assert not Gain(0.0, 0.0).sure
     assert not Gain(1.0, 1.0).sure
 
@@ -68,8 +68,8 @@ def test_leaving_out_bad_samples_gains_by_what_is_fitted_only() -> None:
     """Noise that is left out of the fit is left out of both errors: only the better fit of the rest counts."""
     bad = np.arange(2000) % 10 == 0
     wild = np.random.default_rng(1).standard_normal((2000, 2)) * bad[:, None]
-    one = replace(motion(), tau=motion().tau + wild)
-    found = motion_gain(two_link_arm(), [one], [replace(one, keep=np.broadcast_to(~bad[:, None], (2000, 2)))])
-    assert 0 < found.share < 10
+    case = replace(motion(), tau=motion().tau + wild)
+    result = motion_gain(two_link_arm(), [case], [replace(case, keep=np.broadcast_to(~bad[:, None], (2000, 2)))])
+    assert 0 < result.share < 10
     masked = motion_gain(two_link_arm(), [motion()], [replace(motion(), mask=~bad)])
     assert abs(masked.share) < 1

@@ -38,8 +38,8 @@ def errors(factor: float, estimator: Estimator) -> dict[str, float]:
         tau = tau + 0.02 * tau.std(axis=0) * rng.standard_normal(tau.shape)
         q = q + 1e-5 * rng.standard_normal(q.shape)
         logs.append(Log(T, gear * q, tau / gear, ("pan", "lift"), source=f"log {seed}"))
-    found = identify(model, logs[:1], logs[1:], Recipe(estimator=estimator))
-    return dict(found.of_role("validation")[0].errors.per_joint)
+    result = identify(model, logs[:1], logs[1:], Recipe(estimator=estimator))
+    return dict(result.of_role("validation")[0].errors.per_joint)
 
 
 @pytest.mark.parametrize("estimator", [LeastSquares(), PhysicallyConsistent()], ids=lambda x: type(x).__name__)

@@ -48,23 +48,23 @@ def driven() -> Motion:
     return simulate(ARM, ARM.values, lambda s: (1.13 * np.sin(3 * s), 0.78 * np.cos(4 * s)), t, tolerance=1e-9)
 
 
-def error(found: Identification) -> float:
+def error(identification: Identification) -> float:
     """The largest relative error of a parameter."""
-    return float(np.abs(found.estimate.value / ARM.values - 1).max())
+    return float(np.abs(identification.estimate.value / ARM.values - 1).max())
 
 
 @pytest.mark.parametrize("parallel_filter", [None, ParallelFilter(decimate=4)], ids=repr)
 def test_recovers_the_parameters_of_a_simulated_arm(log: Log, parallel_filter: ParallelFilter | None) -> None:
-    found = identify(ARM, [log], recipe=Recipe(filter=parallel_filter))
-    assert error(found) < 1e-3
-    assert found.warnings == ()
-    assert found.estimate.notes == ()
-    (judged,) = found.validations
+    result = identify(ARM, [log], recipe=Recipe(filter=parallel_filter))
+    assert error(result) < 1e-3
+    assert result.warnings == ()
+    assert result.estimate.notes == ()
+    (judged,) = result.validations
     assert (judged.name, judged.role) == ("exact", "train")
     assert judged.errors.relative_error < 0.1
     assert (judged.errors.relative_error_filtered is None) == (parallel_filter is None)
     step = 1 if parallel_filter is None else parallel_filter.decimate
-    assert found.estimate.residual.samples == -(-judged.motion.mask.sum() // step)
+    assert result.estimate.residual.samples == -(-judged.motion.mask.sum() // step)
 
 
 @pytest.mark.parametrize(
@@ -84,9 +84,9 @@ def test_a_part_is_an_object_not_its_name_or_class(parts: dict[str, Any], words:
 def test_joints_are_matched_by_name(log: Log) -> None:
     turned = log.select(("joint2", "joint1"))
     assert turned.joints != log.joints
-    found, straight = identify(ARM, [turned]), identify(ARM, [log])
-    np.testing.assert_array_equal(found.estimate.value, straight.estimate.value)
-    assert found.validations[0].errors.per_joint == straight.validations[0].errors.per_joint
+    result, straight = identify(ARM, [turned]), identify(ARM, [log])
+    np.testing.assert_array_equal(result.estimate.value, straight.estimate.value)
+    assert result.validations[0].errors.per_joint == straight.validations[0].errors.per_joint
 
 
 @pytest.mark.parametrize(
@@ -104,21 +104,24 @@ def test_logs_that_lack_are_an_error(log: Log, train: Any, held_out: Any, error:
 
 
 def test_two_logs_of_the_same_source_need_names(log: Log) -> None:
-    early, late = log.window(stop=6.0), log.window(start=4.0)
+    early, delayed = log.window(stop=6.0), log.window(start=4.0)
     with pytest.raises(ConfigError, match=r"same source among \['exact', 'exact'\]; give them by name"):
-        identify(ARM, [early, late])
-    found = identify(ARM, {"early": early, "late": late})
-    assert [judged.name for judged in found.validations] == ["early", "late"]
-    assert found.estimate.residual.samples == sum(int(judged.motion.mask.sum()) for judged in found.validations)
+        identify(ARM, [early, delayed])
+    result = identify(ARM, {"early": early, "late": delayed})
+    assert [judged.name for judged in result.validations] == ["early", "late"]
+    assert result.estimate.residual.samples == sum(int(judged.motion.mask.sum()) for judged in result.validations)
 
 
 def test_validation_logs_are_judged_and_not_fitted(log: Log) -> None:
-    early, late = log.window(stop=6.0), replace(log.window(start=4.0), source="late")
-    found = identify(ARM, [early], {"check": late})
-    assert [(judged.name, judged.role) for judged in found.validations] == [("exact", "train"), ("check", "validation")]
-    np.testing.assert_array_equal(found.estimate.value, identify(ARM, [early]).estimate.value)
-    wrong = identify(ARM, [early], {"check": replace(late, tau=2 * late.tau)})
-    np.testing.assert_array_equal(found.estimate.value, wrong.estimate.value)
+    early, delayed = log.window(stop=6.0), replace(log.window(start=4.0), source="late")
+    result = identify(ARM, [early], {"check": delayed})
+    assert [(judged.name, judged.role) for judged in result.validations] == [
+        ("exact", "train"),
+        ("check", "validation"),
+    ]
+    np.testing.assert_array_equal(result.estimate.value, identify(ARM, [early]).estimate.value)
+    wrong = identify(ARM, [early], {"check": replace(delayed, tau=2 * delayed.tau)})
+    np.testing.assert_array_equal(result.estimate.value, wrong.estimate.value)
     assert wrong.validations[1].errors.relative_error == pytest.approx(50.0, rel=1e-2)
 
 
@@ -136,9 +139,9 @@ def test_progress_is_reported_before_each_step(log: Log) -> None:
 def test_warnings_hold_the_notes_where_the_rank_is_deficient(log: Log) -> None:
     joints = (Joint("joint1"), Joint("joint2"))
     model = Model((Viscous(joints), Viscous(joints, on=("joint2",), names=("again",)), Offset(joints)))
-    found = identify(model, [log], recipe=Recipe(smoother=Difference()))
-    assert found.warnings == found.estimate.notes == (RankDeficient(4, 5, (), (("Fv_joint2", "again"),)),)
-    np.testing.assert_array_equal(np.isinf(found.estimate.std), [False, True, True, False, False])
+    result = identify(model, [log], recipe=Recipe(smoother=Difference()))
+    assert result.warnings == result.estimate.notes == (RankDeficient(4, 5, (), (("Fv_joint2", "again"),)),)
+    np.testing.assert_array_equal(np.isinf(result.estimate.std), [False, True, True, False, False])
 
 
 @pytest.mark.parametrize("more", [(), (Viscous(ARM.joints, names=("again1", "again2")),)], ids=["full rank", "tied"])
@@ -146,14 +149,16 @@ def test_errors_of_a_likelihood_count_those_of_the_motion(more: tuple[Viscous, .
     """White noise: the robust errors, which take the motion for known, are never told where they are the smaller."""
     noisy = record(driven(), 3e-2, 0.1, np.random.default_rng(0), source="noisy").log
     model = replace(ARM, terms=(*ARM.terms, *more))
-    found = identify(model, [noisy], recipe=Recipe(estimator=MaximumLikelihood()))
-    information = found.estimate.information
+    result = identify(model, [noisy], recipe=Recipe(estimator=MaximumLikelihood()))
+    information = result.estimate.information
     assert information is not None
     if more:
-        np.testing.assert_array_equal(found.errors.base_std_independent, informed_std(found.base.on_data, information))
-        least, robust = found.errors.base_std_independent, found.errors.base_std
+        np.testing.assert_array_equal(
+            result.errors.base_std_independent, informed_std(result.base.on_data, information)
+        )
+        least, robust = result.errors.base_std_independent, result.errors.base_std
     else:
-        least, robust = found.estimate.std, found.errors.std
+        least, robust = result.estimate.std, result.errors.std
     assert (robust >= least).all()
     assert (robust == least).any()  # where the correlated residuals alone tell of smaller ones
 
@@ -176,10 +181,10 @@ def test_what_a_likelihood_says_of_a_robot_is_a_warning(fails: bool, monkeypatch
     q, dq, ddq = (a * np.sin(3 * t + phase)[:, None] for a, phase in ((1, 0), (3, np.pi / 2), (-9, 0)))
     tau = model.torque(q, dq, ddq, np.asarray(model.values)) + 0.3 * np.sign(dq)  # friction that the model has not
     swing = Log(t, q + 1e-4 * rng.standard_normal(q.shape), tau + 0.01 * rng.standard_normal(q.shape), ("j",), "swing")
-    found = identify(model, [swing], recipe=Recipe(estimator=MaximumLikelihood()))
-    assert any(isinstance(note, Failed if fails else NotWhite) for note in found.warnings)
-    assert not any(isinstance(note, Undetermined) for note in found.warnings)
-    assert any(isinstance(note, RankDeficient) for note in found.estimate.notes)
+    result = identify(model, [swing], recipe=Recipe(estimator=MaximumLikelihood()))
+    assert any(isinstance(note, Failed if fails else NotWhite) for note in result.warnings)
+    assert not any(isinstance(note, Undetermined) for note in result.warnings)
+    assert any(isinstance(note, RankDeficient) for note in result.estimate.notes)
 
 
 @pytest.mark.parametrize("more", [(), (Viscous(ARM.joints, names=("a", "b")),)], ids=["all", "tied"])
@@ -189,24 +194,22 @@ def test_standard_errors_are_those_of_whitened_rows(more: tuple[Viscous, ...], l
     noise = np.stack([one_pole_filter(0.9, u[:, j])[500:] for j in range(2)], axis=1)
     coloured = replace(log, tau=log.tau + noise)
     model = replace(ARM, terms=(*ARM.terms, *more))
-    plain, found = (
-        identify(model, [coloured], recipe=Recipe(Spline(), one))
-        for one in (LeastSquares(weights="per_joint"), GeneralisedLeastSquares())
+    plain, result = (
+        identify(model, [coloured], recipe=Recipe(Spline(), x))
+        for x in (LeastSquares(weights="per_joint"), GeneralisedLeastSquares())
     )
-    white = found.estimate.residual.whitening
+    white = result.estimate.residual.whitening
     assert white.orders == (1, 1)
-    assert not any(isinstance(note, StillColoured | WhiteningCostly) for note in found.warnings)
+    assert not any(isinstance(note, StillColoured | WhiteningCostly) for note in result.warnings)
     best = [
-        (one.errors.std_independent, one.errors.std)
-        if not more
-        else (one.errors.base_std_independent, one.errors.base_std)
-        for one in (plain, found)
+        (x.errors.std_independent, x.errors.std) if not more else (x.errors.base_std_independent, x.errors.base_std)
+        for x in (plain, result)
     ]
     ratio = [wide / own for own, wide in best]  # type: ignore[operator]
     assert np.median(ratio[0]) > 2 > 1.3 > np.median(ratio[1])  # independent errors are assumed in `std`
-    values = found.estimate.value if not more else found.base.on_data.to_base(found.estimate.value)  # type: ignore[union-attr]
-    np.testing.assert_allclose(found.errors.base_by_joint.sum(axis=1), values, rtol=1e-6)
-    np.testing.assert_allclose(found.errors.base_shares.sum(), 1.0, rtol=1e-9)
+    values = result.estimate.value if not more else result.base.on_data.to_base(result.estimate.value)  # type: ignore[union-attr]
+    np.testing.assert_allclose(result.errors.base_by_joint.sum(axis=1), values, rtol=1e-6)
+    np.testing.assert_allclose(result.errors.base_shares.sum(), 1.0, rtol=1e-9)
 
 
 def test_versions_name_what_computes() -> None:
@@ -217,12 +220,12 @@ def test_versions_name_what_computes() -> None:
 def test_a_joint_that_is_not_fitted_is_predicted_from_the_others(log: Log) -> None:
     spoiled = replace(log, tau=np.column_stack([log.tau[:, 0], log.tau[:, 1] + 5.0 * np.sin(40 * log.t)]))
     (first, second) = spoiled.joints
-    found = identify(ARM, [spoiled], recipe=Recipe(unfitted=(second,)))
+    result = identify(ARM, [spoiled], recipe=Recipe(unfitted=(second,)))
     alone = identify(ARM, [log], recipe=Recipe(unfitted=(second,)))
-    np.testing.assert_allclose(found.estimate.value, alone.estimate.value)
-    assert NotFitted((second,)) in found.notes
-    assert not any(isinstance(note, UnexcitedParameters) for note in found.notes)  # no motion would show them
-    (judged,) = found.validations
+    np.testing.assert_allclose(result.estimate.value, alone.estimate.value)
+    assert NotFitted((second,)) in result.notes
+    assert not any(isinstance(note, UnexcitedParameters) for note in result.notes)  # no motion would show them
+    (judged,) = result.validations
     assert judged.errors.per_joint[first] < 1.0 < judged.errors.per_joint[second]
     for wrong, words in ((("knee",), "there is no joint 'knee'"), (spoiled.joints, "names every joint")):
         with pytest.raises(ConfigError, match=words):
@@ -230,20 +233,20 @@ def test_a_joint_that_is_not_fitted_is_predicted_from_the_others(log: Log) -> No
 
 
 def test_a_free_simulation_has_the_motion_that_was_fitted(log: Log) -> None:
-    (late,) = identify(ARM, [log], [], Recipe(Spline(sigma=1e-6), time_offset=0.02, restart=0.5)).validations
-    run = late.free_run
-    np.testing.assert_allclose(run.measured, late.motion.q[np.isin(late.motion.t, run.t)], atol=1e-9)
+    (validation,) = identify(ARM, [log], [], Recipe(Spline(sigma=1e-6), time_offset=0.02, restart=0.5)).validations
+    run = validation.free_run
+    np.testing.assert_allclose(run.measured, validation.motion.q[np.isin(validation.motion.t, run.t)], atol=1e-9)
 
 
 def test_excluded_samples_are_neither_fitted_nor_judged(log: Log) -> None:
     gone = (log.t >= 2.0) & (log.t <= 3.0)
     spoiled = replace(log, tau=log.tau + 50.0 * gone[:, None])
-    found = identify(ARM, [spoiled.exclude([(2.0, 3.0)])], [spoiled.exclude([(1.9, 3.1)])])
-    (note,) = (one for one in found.notes if isinstance(one, NotJudged))  # of the held-out log alone
+    result = identify(ARM, [spoiled.exclude([(2.0, 3.0)])], [spoiled.exclude([(1.9, 3.1)])])
+    (note,) = (note for note in result.notes if isinstance(note, NotJudged))  # of the held-out log alone
     assert note.share == pytest.approx(100 * 1.2 / np.ptp(log.t), rel=0.02)
-    assert error(found) < 1e-3
-    assert [one.errors.relative_error < 0.1 for one in found.validations] == [True, True]
-    assert found.estimate.residual.samples == found.validations[0].motion.mask.sum()
+    assert error(result) < 1e-3
+    assert [validation.errors.relative_error < 0.1 for validation in result.validations] == [True, True]
+    assert result.estimate.residual.samples == result.validations[0].motion.mask.sum()
 
 
 def test_motion_that_a_smoother_is_not_made_for_is_judged_by_its_substitute(log: Log) -> None:
@@ -256,28 +259,27 @@ def test_motion_that_a_smoother_is_not_made_for_is_judged_by_its_substitute(log:
         return Log(t, q, ARM.torque(q, dq, ddq, ARM.values), log.joints, source)
 
     twice, once = swing("twice", 1.5, 3.0), swing("once", 0.9, 0.7).window(0.0, 5.0)
-    for late in (0.0, 0.005):
-        found = identify(ARM, [twice], [once], Recipe(FourierSeries(), time_offset=late))
-        (note,) = (one for one in found.notes if isinstance(one, SubstituteUsed))
+    for delayed in (0.0, 0.005):
+        test_result = identify(ARM, [twice], [once], Recipe(FourierSeries(), time_offset=delayed))
+        (note,) = (note for note in test_result.notes if isinstance(note, SubstituteUsed))
         assert note == SubstituteUsed("once", "FourierSeries", Spline().method)
-        held = found.validations[1]
-        assert held.errors.relative_error < (5.0 if late else 0.1)
-        again = found.predict(once)
-        assert [one.log for one in substitute_notes([again])] == ["once"]
+        held = test_result.validations[1]
+        assert held.errors.relative_error < (5.0 if delayed else 0.1)
+        again = test_result.predict(once)
+        assert [substitute_note.log for substitute_note in substitute_notes([again])] == ["once"]
         assert again.errors.relative_error == pytest.approx(held.errors.relative_error)
-        assert not list(substitute_notes([found.predict(twice)]))
+        assert not list(substitute_notes([test_result.predict(twice)]))
     with pytest.raises(MissingInputError, match="once: no two periods"):
         identify(ARM, [once], [twice], Recipe(FourierSeries()))
-    known = identify(ARM, [twice], recipe=Recipe(FourierSeries(4 * np.pi / 3)))
-    assert known.predict(once.window(0.0, 3.0)).errors.relative_error < 0.1  # less than a period
+    result = identify(ARM, [twice], recipe=Recipe(FourierSeries(4 * np.pi / 3)))
+    assert result.predict(once.window(0.0, 3.0)).errors.relative_error < 0.1  # less than a period
 
 
 def test_excluded_torques_do_not_count_in_the_likelihood() -> None:
     noisy = record(driven(), 1e-4, 0.02, np.random.default_rng(0), source="noisy").log
     gone = (noisy.t >= 1.0) & (noisy.t <= 1.5)
     spoiled = replace(noisy, tau=noisy.tau + 50.0 * gone[:, None])
-    found, alone = (
-        identify(ARM, [one.exclude([(1.0, 1.5)])], recipe=Recipe(estimator=MaximumLikelihood()))
-        for one in (spoiled, noisy)
+    result, alone = (
+        identify(ARM, [x.exclude([(1.0, 1.5)])], recipe=Recipe(estimator=MaximumLikelihood())) for x in (spoiled, noisy)
     )
-    np.testing.assert_allclose(found.estimate.value, alone.estimate.value, atol=0.01 * float(alone.estimate.std.min()))
+    np.testing.assert_allclose(result.estimate.value, alone.estimate.value, atol=0.01 * float(alone.estimate.std.min()))

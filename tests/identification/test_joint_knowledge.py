@@ -11,26 +11,26 @@ from tests.apps.payload.arms import RECIPE, arm, recorded, result
 
 
 def test_a_joint_with_a_wrong_gain_moves_them_by_its_part() -> None:
-    found, log = result(), recorded("arm")
+    actual, log = result(), recorded("arm")
     wrong = replace(log, tau=log.tau * (1 + 1e-4 * np.eye(6)[2]))
     again = identify(arm()[0], {"arm": wrong}, recipe=RECIPE)
-    basis, parts = found.base.on_data, found.errors.base_by_joint
-    moved = basis.to_base(again.estimate.value - found.estimate.value)
-    scale = found.errors.base_std_independent
+    basis, parts = actual.base.on_data, actual.errors.base_by_joint
+    moved = basis.to_base(again.estimate.value - actual.estimate.value)
+    scale = actual.errors.base_std_independent
     np.testing.assert_allclose(moved / scale, 1e-4 * parts[:, 2] / scale, atol=0.05)
 
 
 def test_friction_that_grows_with_the_load_moves_them_by_its_part() -> None:
-    found, share = result(), 1e-3
-    (log,) = found.validations
-    motion, basis, weights = log.motion, found.base.on_data, found.estimate.residual.weights
-    bodies = found.model.bodies
-    load = bodies.torque(motion.q, motion.dq, motion.ddq, found.estimate.value[: len(bodies.parameters)])
+    actual, share = result(), 1e-3
+    (log,) = actual.validations
+    motion, basis, weights = log.motion, actual.base.on_data, actual.estimate.residual.weights
+    bodies = actual.model.bodies
+    load = bodies.torque(motion.q, motion.dq, motion.ddq, actual.estimate.value[: len(bodies.parameters)])
     more = share * np.abs(load) * np.sign(motion.dq) * np.eye(6)[4]
-    Y, rows = found.model.regressor(motion.q, motion.dq, motion.ddq), motion.mask
+    Y, rows = actual.model.regressor(motion.q, motion.dq, motion.ddq), motion.mask
     columns = (weights[:, None] * Y[rows][:, :, list(basis.independent)]).reshape(-1, basis.rank)
     moved = np.linalg.lstsq(columns, (weights * more[rows]).ravel(), rcond=None)[0]
-    np.testing.assert_allclose(share * found.errors.base_by_load[:, 4], moved, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(share * actual.errors.base_by_load[:, 4], moved, rtol=1e-5, atol=1e-9)
 
 
 def test_the_covariance_is_that_of_the_standard_errors() -> None:

@@ -28,13 +28,15 @@ def values(theta: np.ndarray) -> np.ndarray:
 
 def all_known(covariance: np.ndarray) -> LinkInertia:
     """A link whose ten parameters the data determine, with this covariance."""
-    found = identified()
+    identification = identified()
     bodies = RigidBodies(DOOR, source="door.urdf")
     model = Model((bodies,), name="door")
-    estimate = replace(found.estimate, parameters=model.parameters, value=THETA, covariance=covariance)
+    estimate = replace(identification.estimate, parameters=model.parameters, value=THETA, covariance=covariance)
     std = np.sqrt(np.diag(covariance))
-    errors = replace(found.errors, std=std, base_std=None, base_covariance=covariance)
-    (link,) = link_inertias(replace(found, model=model, estimate=estimate, errors=errors, base=Identifiability()))
+    errors = replace(identification.errors, std=std, base_std=None, base_covariance=covariance)
+    (link,) = link_inertias(
+        replace(identification, model=model, estimate=estimate, errors=errors, base=Identifiability())
+    )
     return link
 
 
@@ -42,7 +44,7 @@ def test_errors_are_those_of_drawn_parameters() -> None:
     root = np.random.default_rng(0).standard_normal((10, 10)) * np.array([0.1, *[0.02] * 3, *[0.004] * 6])[:, None]
     link = all_known(root @ root.T * 1e-4)
     drawn = THETA + 1e-2 * np.random.default_rng(1).standard_normal((4000, 10)) @ root.T
-    np.testing.assert_allclose(link.std, np.std([values(one) for one in drawn], axis=0), rtol=0.05)
+    np.testing.assert_allclose(link.std, np.std([values(x) for x in drawn], axis=0), rtol=0.05)
     np.testing.assert_allclose(link.identified.values, values(THETA))
     assert link.sure.all()
     assert link.main_source is DeterminedBy.DATA
@@ -64,48 +66,48 @@ def test_an_ellipsoid_has_the_inertia_of_its_body() -> None:
 def test_least_squares_does_not_choose() -> None:
     """Of a tree of links the torque shows combinations: no mass is known, and no value is made up."""
     links = link_inertias(identified())
-    assert [one.name for one in links] == ["turret", "slide", "<b>hand", "finger"]
+    assert [link.name for link in links] == ["turret", "slide", "<b>hand", "finger"]
     assert links[0].links == ("turret", "camera")
-    assert all(one.identified is None for one in links)
-    assert not any(one.sure.any() for one in links)
+    assert all(link.identified is None for link in links)
+    assert not any(link.sure.any() for link in links)
     np.testing.assert_allclose(links[2].file.values[:4], [0.7, 0, 0.02, 0.1])
     assert set(determined_by(identified())) == {DeterminedBy.DATA, DeterminedBy.COMBINATION, DeterminedBy.NOTHING}
     assert DeterminedBy.NOTHING not in links[0].by  # what never acts on the torque does not count
 
 
 def test_a_consistent_estimate_has_values_and_what_the_data_contribute_to_their_errors() -> None:
-    found = identified(PhysicallyConsistent())
-    for one in link_inertias(found):
-        assert np.isfinite(one.identified.values).all()
-        assert np.isfinite(one.std).all()
-        assert one.identified.ellipsoid is not None
-        assert set(one.by) <= {DeterminedBy.DATA, DeterminedBy.PRIOR, DeterminedBy.BOUND}
-    own = [k for k, one in enumerate(found.model.parameters) if one.body == "finger"]
-    finger = link_inertias(found)[3]
-    np.testing.assert_allclose(finger.identified.values, values(found.estimate.value[own]), atol=1e-12)
+    identification = identified(PhysicallyConsistent())
+    for case in link_inertias(identification):
+        assert np.isfinite(case.identified.values).all()
+        assert np.isfinite(case.std).all()
+        assert case.identified.ellipsoid is not None
+        assert set(case.by) <= {DeterminedBy.DATA, DeterminedBy.PRIOR, DeterminedBy.BOUND}
+    own = [k for k, x in enumerate(identification.model.parameters) if x.body == "finger"]
+    finger = link_inertias(identification)[3]
+    np.testing.assert_allclose(finger.identified.values, values(identification.estimate.value[own]), atol=1e-12)
 
 
 def test_what_the_base_parameters_hold_alone_is_sure() -> None:
     """With the mass of the finger a base parameter by itself, its error is that of the table."""
-    found = identified(PhysicallyConsistent())
-    basis, name = found.base.on_data, "finger.mass"
+    identification = identified(PhysicallyConsistent())
+    basis, name = identification.base.on_data, "finger.mass"
     k = basis.names.index(name)
     combination = np.vstack([basis.combination, np.eye(len(basis.names))[k]])
     r = basis.rank + 1
     wider = replace(basis, rank=r, independent=(*basis.independent, k), combination=combination)
     covariance = np.zeros((r, r))
-    covariance[:-1, :-1], covariance[-1, -1] = found.errors.base_covariance, 0.01
-    std = np.append(found.errors.base_std, 0.2)
-    errors = replace(found.errors, base_std=std, base_covariance=covariance)
-    finger = link_inertias(replace(found, base=replace(found.base, on_data=wider), errors=errors))[3]
+    covariance[:-1, :-1], covariance[-1, -1] = identification.errors.base_covariance, 0.01
+    std = np.append(identification.errors.base_std, 0.2)
+    errors = replace(identification.errors, base_std=std, base_covariance=covariance)
+    finger = link_inertias(replace(identification, base=replace(identification.base, on_data=wider), errors=errors))[3]
     assert finger.sure[0]
     np.testing.assert_allclose(finger.std[0], 0.2)
 
 
 def test_without_knowledge_of_all_base_parameters_together_there_are_no_errors() -> None:
-    found = identified(PhysicallyConsistent())
-    old = replace(found, errors=replace(found.errors, base_covariance=None))
-    assert np.isnan([one.std for one in link_inertias(old)]).all()
+    identification = identified(PhysicallyConsistent())
+    old = replace(identification, errors=replace(identification.errors, base_covariance=None))
+    assert np.isnan([link_inertia.std for link_inertia in link_inertias(old)]).all()
 
 
 def test_of_as_many_parameters_the_worse_counts() -> None:

@@ -56,8 +56,8 @@ def test_the_parameters_are_found(found, truth):
 def test_a_saved_result_predicts_the_same(found, log, tmp_path):
     again = dy.load(found.save(tmp_path / "result.json"), model=MODEL)
     assert again.model.load == found.model.load
-    one, other = (each.predict(log) for each in (found, again))
-    np.testing.assert_array_equal(one.predicted_torque, other.predicted_torque)
+    first, second = (each.predict(log) for each in (found, again))
+    np.testing.assert_array_equal(first.predicted_torque, second.predicted_torque)
 
 
 def test_the_memory_goes_on_in_a_free_simulation(found, truth):
@@ -84,9 +84,9 @@ def test_a_load_that_is_given_stays(log):
 def test_bounds_of_friction_by_the_load_wait_for_it(log):
     (name, *_) = LoadCoulomb(BODIES.joints, width=0.05).parameters
     bounded = dy.PhysicallyConsistent(bounds={name.name: (None, 0.1)}, prior={name.name: 0.05})
-    found = dy.identify(MODEL, [log.window(0.0, 4.0)], estimator=bounded)
-    assert found.estimate.value[MODEL.names.index(name.name)] == pytest.approx(0.1)
-    assert found.recipe.estimator.named == (name.name,)
+    result = dy.identify(MODEL, [log.window(0.0, 4.0)], estimator=bounded)
+    assert result.estimate.value[MODEL.names.index(name.name)] == pytest.approx(0.1)
+    assert result.recipe.estimator.named == (name.name,)
 
 
 def test_a_model_without_bodies_has_no_load(log):

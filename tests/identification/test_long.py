@@ -72,9 +72,9 @@ LOG = recording()
 
 
 def in_pieces(ready: PiecePlan, validation: Sequence[Log] = ()) -> Identification:
-    done = {one.job: one.value for one in run_jobs(ready.reducer, ready.spans)}
+    done = {outcome.job: outcome.value for outcome in run_jobs(ready.reducer, ready.spans)}
     pieces = [done[span] for span in ready.spans]
-    return identify_from_pieces(ready, [one for one in pieces if one is not None], validation)
+    return identify_from_pieces(ready, [piece for piece in pieces if piece is not None], validation)
 
 
 PLAIN = Recipe(Spline(sigma=1e-5))
@@ -83,8 +83,8 @@ PLAIN = Recipe(Spline(sigma=1e-5))
 @cache
 def day(recipe: Recipe = PLAIN) -> tuple[Identification, Identification]:
     """The recording identified in pieces, and as a whole with all that was chosen."""
-    found = in_pieces(plan_pieces(ARM, [Held(LOG)], recipe, SMALL))
-    return found, identify(ARM, [LOG], recipe=found.recipe)
+    result = in_pieces(plan_pieces(ARM, [Held(LOG)], recipe, SMALL))
+    return result, identify(ARM, [LOG], recipe=result.recipe)
 
 
 @pytest.mark.parametrize(
@@ -99,40 +99,40 @@ def day(recipe: Recipe = PLAIN) -> tuple[Identification, Identification]:
 def test_the_estimate_is_that_of_the_whole_to_rounding(
     smoother: Smoother, estimator: Estimator, low: ParallelFilter | None
 ) -> None:
-    found, whole = day(Recipe(smoother, estimator, low))
-    np.testing.assert_allclose(found.estimate.value, whole.estimate.value, rtol=1e-8)
-    np.testing.assert_allclose(found.estimate.residual.sigma, whole.estimate.residual.sigma, rtol=1e-8)
-    assert found.estimate.residual.samples == whole.estimate.residual.samples
-    pieces = found.estimate.residual.pieces
+    result, full = day(Recipe(smoother, estimator, low))
+    np.testing.assert_allclose(result.estimate.value, full.estimate.value, rtol=1e-8)
+    np.testing.assert_allclose(result.estimate.residual.sigma, full.estimate.residual.sigma, rtol=1e-8)
+    assert result.estimate.residual.samples == full.estimate.residual.samples
+    pieces = result.estimate.residual.pieces
     torque = np.sqrt((pieces.rows * pieces.torque**2).sum(axis=0) / pieces.rows.sum(axis=0))
     np.testing.assert_allclose(torque, [np.sqrt(np.mean(x**2)) for x in LOG.tau.T], rtol=0.1)
-    note = next(one for one in found.notes if isinstance(one, InPieces))
+    note = next(note for note in result.notes if isinstance(note, InPieces))
     assert (note.samples, note.pieces, note.excerpts) == (12_000, 12, 3)
 
 
 def test_standard_errors_allow_for_correlation_and_hold_the_truth() -> None:
-    found, whole = day()
-    ratio = found.errors.std / whole.errors.std
+    result, full = day()
+    ratio = result.errors.std / full.errors.std
     assert ((ratio > 0.4) & (ratio < 1.6)).all()  # twelve pieces tell a standard error to a fifth
-    assert (np.abs(found.estimate.value - THETA) < 5 * found.errors.std).all()
+    assert (np.abs(result.estimate.value - THETA) < 5 * result.errors.std).all()
 
 
 def test_held_out_logs_are_judged_as_ever_and_excerpts_stand_for_the_training() -> None:
     held = replace(recording(seed=1, samples=2000), source="tuesday")
-    found = in_pieces(plan_pieces(ARM, [Held(LOG)], Recipe(Spline(sigma=1e-5)), SMALL), [held])
-    *excerpts, last = found.validations
-    assert [one.role for one in found.validations] == ["train"] * 3 + ["validation"]
-    assert [len(one.motion) for one in excerpts] == [1500] * 3
-    assert [one.name for one in excerpts] == ["day excerpt 1", "day excerpt 2", "day excerpt 3"]
-    again = found.predict(held)
+    result = in_pieces(plan_pieces(ARM, [Held(LOG)], Recipe(Spline(sigma=1e-5)), SMALL), [held])
+    *excerpts, last = result.validations
+    assert [validation.role for validation in result.validations] == ["train"] * 3 + ["validation"]
+    assert [len(excerpt.motion) for excerpt in excerpts] == [1500] * 3
+    assert [excerpt.name for excerpt in excerpts] == ["day excerpt 1", "day excerpt 2", "day excerpt 3"]
+    again = result.predict(held)
     assert last.errors.relative_error == pytest.approx(again.errors.relative_error, rel=1e-12)
 
 
 def test_a_change_is_seen_in_the_pieces() -> None:
-    late = np.arange(len(LOG))[:, None] >= 9000
-    changed = replace(LOG, tau=LOG.tau + np.where(late, [0.5, 0.0], 0.0))
-    found = in_pieces(plan_pieces(ARM, [Held(changed)], Recipe(Spline(sigma=1e-5)), SMALL))
-    pieces = found.estimate.residual.pieces
+    delayed = np.arange(len(LOG))[:, None] >= 9000
+    changed = replace(LOG, tau=LOG.tau + np.where(delayed, [0.5, 0.0], 0.0))
+    result = in_pieces(plan_pieces(ARM, [Held(changed)], Recipe(Spline(sigma=1e-5)), SMALL))
+    pieces = result.estimate.residual.pieces
     left = pieces.residual[:, 0]
     assert left[pieces.begins > 46].min() > 2 * left[pieces.ends < 44].max()
     assert pieces.relative_error[0] > 3 * pieces.relative_error[1]
@@ -157,8 +157,8 @@ def test_excerpts_are_where_the_arm_moves_and_rests_are_not_fitted() -> None:
         LOG, q=np.where(rest[:, None], 0.3, LOG.q) + 1e-5 * np.random.default_rng(2).normal(size=LOG.q.shape)
     )
     ready = plan_pieces(ARM, [Held(still)], Recipe(Spline(sigma=1e-5), outliers="keep"), replace(SMALL, excerpt=1000))
-    for one in ready.logs.values():
-        assert np.ptp(one.q, axis=0).min() > 0.1
+    for case in ready.logs.values():
+        assert np.ptp(case.q, axis=0).min() > 0.1
     resting = Span(0, 6050, 7050, 6000, 7100)
     assert ready.reducer(resting).rows == (0, 0)
     assert not ready.reducer.motion(still.rows(slice(6000, 7100), "rest")).keep.any()  # type: ignore[union-attr]
@@ -173,8 +173,8 @@ def test_what_needs_all_samples_at_once_is_refused() -> None:
         with progress_to(steps.append), pytest.raises(ConfigError, match=words):
             plan_pieces(ARM, [short], replace(recipe, estimator=estimator), SMALL)
     assert not steps  # before anything is fitted
-    known = TotalLeastSquares(errors={ARM.names[0]: 1e-3})
+    reference = TotalLeastSquares(errors={ARM.names[0]: 1e-3})
     with pytest.raises(ConfigError, match="TotalLeastSquares needs all samples at once"):
-        plan_pieces(ARM, [short], replace(recipe, estimator=known), replace(SMALL, excerpt=300))
+        plan_pieces(ARM, [short], replace(recipe, estimator=reference), replace(SMALL, excerpt=300))
     with pytest.raises(ConfigError, match=r"smooths over .* no piece of 60 samples"):
         plan_pieces(ARM, [Held(LOG, tuple(range(60, 12_000, 60)))], Recipe(Spline(sigma=1e-5)), SMALL)

@@ -56,14 +56,14 @@ def log(seed: int, sigma: float = SIGMA) -> Log:
     return record(truth(), sigma, 0.02, np.random.default_rng(seed)).log
 
 
-def predicted(one: Log, smoother: Smoother, parallel_filter: ParallelFilter | None = None) -> MotionErrors:
-    motions = (smoother(one),)
+def predicted(case: Log, smoother: Smoother, parallel_filter: ParallelFilter | None = None) -> MotionErrors:
+    motions = (smoother(case),)
     regression = Regression(MODEL, motions, Selection(parallel_filter))
-    return motion_errors([one], regression, smoother, LeastSquares()(Problem(MODEL, motions, regression)))
+    return motion_errors([case], regression, smoother, LeastSquares()(Problem(MODEL, motions, regression)))
 
 
-def plain(one: Log, smoother: Smoother, parallel_filter: ParallelFilter | None = None) -> np.ndarray:
-    motions = (smoother(one),)
+def plain(case: Log, smoother: Smoother, parallel_filter: ParallelFilter | None = None) -> np.ndarray:
+    motions = (smoother(case),)
     return LeastSquares()(Problem(MODEL, motions, Regression(MODEL, motions, Selection(parallel_filter)))).value
 
 
@@ -90,10 +90,10 @@ def test_intervals_of_an_identification_hold(estimator: LeastSquares | Physicall
     """Of 12 x 4 intervals at least 82 % hold (four deviations below 95 %), and far fewer of the plain ones."""
     held, before, recipe = [], [], Recipe(WIDE, estimator, outliers="keep")  # there are none to search for
     for seed in range(12):
-        one = log(seed)
-        found = identify(MODEL, [one], recipe=recipe)
-        held.append(np.abs(found.estimate.value - TRUTH) < NORMAL_95 * found.errors.std)
-        before.append(np.abs(plain(one, WIDE) - TRUTH) < NORMAL_95 * found.estimate.std)
+        test_log = log(seed)
+        result = identify(MODEL, [test_log], recipe=recipe)
+        held.append(np.abs(result.estimate.value - TRUTH) < NORMAL_95 * result.errors.std)
+        before.append(np.abs(plain(test_log, WIDE) - TRUTH) < NORMAL_95 * result.estimate.std)
     assert np.mean(held) > 0.82
     assert np.mean(held, axis=0).min() > 0.75
     assert np.mean(before) < 0.75
@@ -103,15 +103,15 @@ def test_intervals_of_a_robust_fit_hold() -> None:
     """The same where positions are noisy and every tenth torque is wrong."""
     held, before, robust = [], [], RobustLeastSquares("tukey")
     for seed in range(12):
-        rng, one = np.random.default_rng(seed), log(seed)
-        motion = WIDE(one)
-        wrong = np.where(rng.random(one.tau.shape) < 0.1, rng.normal(0, 5.0, one.tau.shape), 0.0)
+        rng, test_log = np.random.default_rng(seed), log(seed)
+        motion = WIDE(test_log)
+        wrong = np.where(rng.random(test_log.tau.shape) < 0.1, rng.normal(0, 5.0, test_log.tau.shape), 0.0)
         regression = Regression(MODEL, (replace(motion, tau=motion.tau + wrong),))
         estimate = robust(Problem(MODEL, regression.motions, regression))
         rows = estimate.residual.weight_rows(regression)
-        found = motion_errors([one], rows, WIDE, estimate)
-        errors, _ = identifiability_of(rows, estimate, found.covariance)
-        held.append(np.abs(estimate.value - found.bias - TRUTH) < NORMAL_95 * errors.std)
+        result = motion_errors([test_log], rows, WIDE, estimate)
+        errors, _ = identifiability_of(rows, estimate, result.covariance)
+        held.append(np.abs(estimate.value - result.bias - TRUTH) < NORMAL_95 * errors.std)
         before.append(np.abs(estimate.value - TRUTH) < NORMAL_95 * estimate.std)
     assert np.mean(held) > 0.82
     assert np.mean(before) < 0.75
@@ -125,9 +125,9 @@ def test_weights_of_samples_count(depends: bool, parallel_filter: ParallelFilter
     pace = np.where(np.arange(len(t)) < 1000, 0.5, 1.0)
     time = np.cumsum(pace) * 0.005
     q, dq, ddq = np.sin(3 * time), 3 * pace * np.cos(3 * time), -9 * pace**2 * np.sin(3 * time)
-    made = moving(t, *(one[:, None] for one in (q, dq, ddq)))
-    one = record(made, SIGMA, 0.02, np.random.default_rng(0)).log
-    motion = WIDE(one)
+    made = moving(t, *(x[:, None] for x in (q, dq, ddq)))
+    test_log = record(made, SIGMA, 0.02, np.random.default_rng(0)).log
+    motion = WIDE(test_log)
     ways = []
     slower = np.where(np.arange(len(t))[:, None] < 1000, 1.0, 1e-6)
     for mask, weights in ((slower[:, 0] == 1.0, ()), (np.ones(len(t), dtype=bool), (slower,))):
@@ -138,15 +138,17 @@ def test_weights_of_samples_count(depends: bool, parallel_filter: ParallelFilter
         residual = replace(estimate.residual, sample_weights=weights, slopes=slopes)
         if weights and not depends:
             residual = replace(residual, sigma=np.array([1e3]))  # of the torque, and not of the rows
-        ways.append(motion_errors([one], rows, WIDE, replace(estimate, residual=residual)))
+        ways.append(motion_errors([test_log], rows, WIDE, replace(estimate, residual=residual)))
     alone, weighted = ways
     np.testing.assert_allclose(weighted.bias, alone.bias, rtol=0.1, atol=0.02 * np.abs(TRUTH).max())
     np.testing.assert_allclose(np.diag(weighted.covariance), np.diag(alone.covariance), rtol=0.3)
     assert weighted.size == pytest.approx(alone.size, rel=0.2)
 
 
-def notes(found: Identification) -> list[type]:
-    return [type(one) for one in found.warnings if isinstance(one, MotionCorrected | MotionTooNoisy)]
+def notes(identification: Identification) -> list[type]:
+    return [
+        type(warning) for warning in identification.warnings if isinstance(warning, MotionCorrected | MotionTooNoisy)
+    ]
 
 
 def test_the_correction_is_said_and_only_made_where_it_matters() -> None:
@@ -160,17 +162,17 @@ def test_the_correction_is_said_and_only_made_where_it_matters() -> None:
 
 def test_a_bias_too_large_to_correct_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys.modules["dynident.identification.identify"], "MAX_CORRECTED_BIAS", 1e-6)
-    found = identify(MODEL, [log(1)], recipe=Recipe(WIDE))
-    assert notes(found) == [MotionTooNoisy]
-    np.testing.assert_array_equal(found.estimate.value, plain(log(1), WIDE))
+    result = identify(MODEL, [log(1)], recipe=Recipe(WIDE))
+    assert notes(result) == [MotionTooNoisy]
+    np.testing.assert_array_equal(result.estimate.value, plain(log(1), WIDE))
 
 
 def test_noise_that_the_residual_rules_out_is_not_believed() -> None:
     """Of a fast motion without noise the differences look like noise, but the torque fits."""
-    one = record(truth(), 0.0, 0.0, np.random.default_rng(0)).log
-    coarse = one.rows(np.arange(len(one)) % 4 == 0, "coarse")
-    found = identify(MODEL, [coarse], recipe=Recipe(WIDE))
-    np.testing.assert_allclose(found.estimate.value, plain(coarse, WIDE), rtol=0.05)
+    test_log = record(truth(), 0.0, 0.0, np.random.default_rng(0)).log
+    coarse = test_log.rows(np.arange(len(test_log)) % 4 == 0, "coarse")
+    result = identify(MODEL, [coarse], recipe=Recipe(WIDE))
+    np.testing.assert_allclose(result.estimate.value, plain(coarse, WIDE), rtol=0.05)
 
 
 def test_noise_that_is_taken_as_twice_too_large_is_reduced_to_about_its_own() -> None:
@@ -185,10 +187,10 @@ def test_noise_that_is_less_between_samples_is_no_time_offset() -> None:
     """At 100 Hz and with known noise, a search alone finds an offset of 1 ms, six standard errors from zero."""
     t, rng = np.arange(1001) * 0.01, np.random.default_rng(0)
     motion = simulate(ARM, np.asarray(ARM.values), lambda s: [np.sin(5 * s)], t)
-    one, known = record(motion, 1e-4, 0.01, rng).log, Spline(sigma=1e-4)
-    assert abs(find_time_offset(ARM, [known(one)]).seconds) > 5e-4
-    found = align_motion(ARM, [one], [known], "estimate").time_offset
-    assert found.seconds == 0.0
+    test_log, reference = record(motion, 1e-4, 0.01, rng).log, Spline(sigma=1e-4)
+    assert abs(find_time_offset(ARM, [reference(test_log)]).seconds) > 5e-4
+    time_offset = align_motion(ARM, [test_log], [reference], "estimate").time_offset
+    assert time_offset.seconds == 0.0
 
 
 def test_a_bias_of_nearly_all_samples_is_as_sure_as_that_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -220,25 +222,25 @@ def corrected_errors(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     error: of a quarter of the samples of each piece."""
     rng = np.random.default_rng(seed)
     logs = [record(piece_motion(rng), 3e-3, 0.002, rng).log for _ in range(PIECES)]
-    motions = tuple(WIDE(one) for one in logs)
+    motions = tuple(WIDE(x) for x in logs)
     regression = Regression(MODEL, motions)
     value = LeastSquares()(Problem(MODEL, motions, regression)).value
     part = np.arange(SAMPLES // 4)
     repeated = [
         repeat_piece(MODEL, piece, value, regression, rng)
-        for log, one in zip(logs, motions, strict=True)
-        for piece in pieces_of(MODEL, log.rows(part, ""), one.shift(0.0, part), WIDE, value, 1.0)
+        for log, motion in zip(logs, motions, strict=True)
+        for piece in pieces_of(MODEL, log.rows(part, ""), motion.shift(0.0, part), WIDE, value, 1.0)
     ]
-    found = sampled_bias(repeated, MODEL, np.ones(1))
-    parts = [Regression(MODEL, (one,)).triangular_factors for one in motions]
+    result = sampled_bias(repeated, MODEL, np.ones(1))
+    parts = [Regression(MODEL, (motion,)).triangular_factors for motion in motions]
     plain = clustered_std(lambda: parts, regression, value)
-    wide = np.sqrt(plain**2 + np.diag(found.covariance) + found.remainder**2)
-    return value - found.bias - TRUTH, plain, wide
+    wide = np.sqrt(plain**2 + np.diag(result.covariance) + result.remainder**2)
+    return value - result.bias - TRUTH, plain, wide
 
 
 def test_intervals_that_count_the_error_of_the_correction_hold() -> None:
     """Of 20 x 4 intervals at least 85 % hold (four deviations below 95 %)."""
-    errors, plain, wide = (np.array(one) for one in zip(*map(corrected_errors, range(20)), strict=True))
+    errors, plain, wide = (np.array(x) for x in zip(*map(corrected_errors, range(20)), strict=True))
     assert np.mean(np.abs(errors) < NORMAL_95 * wide) > 0.85
     assert (
         np.mean(np.abs(errors) < NORMAL_95 * plain) < np.mean(np.abs(errors) < NORMAL_95 * wide) - 0.1
@@ -247,15 +249,18 @@ def test_intervals_that_count_the_error_of_the_correction_hold() -> None:
 
 def test_pieces_without_rows_do_not_count_and_one_is_too_few() -> None:
     rng = np.random.default_rng(0)
-    one = piece_motion(rng)
-    log = record(one, 3e-3, 0.01, rng).log
+    case = piece_motion(rng)
+    log = record(case, 3e-3, 0.01, rng).log
     like = Regression(MODEL, (WIDE(log),))
     (piece,) = pieces_of(MODEL, log, like.motions[0], WIDE, TRUTH, 1.0)
-    found = repeat_piece(MODEL, piece, TRUTH, like, rng)
-    empty = like.triangular_factors.__class__(np.zeros_like(found.once.factors), np.zeros_like(found.once.rows))
+    result = repeat_piece(MODEL, piece, TRUTH, like, rng)
+    empty = like.triangular_factors.__class__(np.zeros_like(result.once.factors), np.zeros_like(result.once.rows))
     none = RepetitionFactors(empty, empty)
-    assert sampled_bias([found, none], MODEL, np.ones(1)) is None
-    both, more = sampled_bias([found, found], MODEL, np.ones(1)), sampled_bias([found, none, found], MODEL, np.ones(1))
+    assert sampled_bias([result, none], MODEL, np.ones(1)) is None
+    both, more = (
+        sampled_bias([result, result], MODEL, np.ones(1)),
+        sampled_bias([result, none, result], MODEL, np.ones(1)),
+    )
     np.testing.assert_allclose(more.bias, both.bias, rtol=1e-9)
     np.testing.assert_allclose(both.covariance, 0.0, atol=1e-12 * np.square(both.bias).max())
     assert both.remainder == pytest.approx(more.remainder)

@@ -50,12 +50,12 @@ def fitted(train: Log, held: Log, recipe: Recipe = RECIPE) -> Identification:
     return identify(slider(), [train], [held], recipe)
 
 
-def of_kind(found: Identification, kind: type[NextStep]) -> list[Any]:
-    return [step for step in next_steps(found) if isinstance(step, kind)]
+def of_kind(identification: Identification, kind: type[NextStep]) -> list[Any]:
+    return [step for step in next_steps(identification) if isinstance(step, kind)]
 
 
-def error(found: Identification) -> float:
-    return judged_log(found).errors.relative_error
+def error(identification: Identification) -> float:
+    return judged_log(identification).errors.relative_error
 
 
 @pytest.fixture(scope="module")
@@ -76,9 +76,9 @@ def test_seconds_that_the_rest_contradicts_are_to_be_left_out(pushed: Identifica
 
 def test_leaving_them_out_gains_what_is_said(pushed: Identification) -> None:
     (step,) = of_kind(pushed, LeaveOut)
-    whole = moved("train", pushed={(8.2, 9.1): 15.0})
-    parts = [whole.window(stop=step.start - 0.01), whole.window(start=step.stop + 0.01)]
-    parts = [replace(one, source=f"part {k}") for k, one in enumerate(parts)]
+    full = moved("train", pushed={(8.2, 9.1): 15.0})
+    parts = [full.window(stop=step.start - 0.01), full.window(start=step.stop + 0.01)]
+    parts = [replace(x, source=f"part {k}") for k, x in enumerate(parts)]
     better = identify(slider(), parts, [moved("held", (2.4, 4.3), seed=1)], RECIPE)
     assert step.gain == pytest.approx(error(pushed) - error(better), rel=0.5)
     errors = replace(judged_log(pushed).errors, rmse={"slider": 2.0}, relative_error=10.0, sensor_noise={})
@@ -88,30 +88,30 @@ def test_leaving_them_out_gains_what_is_said(pushed: Identification) -> None:
 
 
 def test_nothing_is_left_out_of_a_sound_training() -> None:
-    found = fitted(moved("train"), moved("held", (2.4, 4.3), seed=1))
-    assert next_steps(found) == ()
-    left = parts_of(found).residual  # each part as well predicted from the others as noise allows
-    assert np.sqrt(np.mean(left**2)) == pytest.approx(1.0, rel=0.03)
+    fit = fitted(moved("train"), moved("held", (2.4, 4.3), seed=1))
+    assert next_steps(fit) == ()
+    residual = parts_of(fit).residual  # each part as well predicted from the others as noise allows
+    assert np.sqrt(np.mean(residual**2)) == pytest.approx(1.0, rel=0.03)
 
 
 def test_what_is_left_at_reversals_is_an_upper_limit_of_the_gain() -> None:
     """The sign of friction is late: with the right model of it, the noise alone would be left."""
-    found = fitted(moved("train", late=0.008), moved("held", (2.4, 4.3), seed=1, late=0.008))
-    (step,) = of_kind(found, SlowReversals)
+    fit = fitted(moved("train", late=0.008), moved("held", (2.4, 4.3), seed=1, late=0.008))
+    (step,) = of_kind(fit, SlowReversals)
     right = fitted(moved("train"), moved("held", (2.4, 4.3), seed=1))
-    assert 0.5 * (error(found) - error(right)) < step.gain < 1.1 * (error(found) - error(right))
-    dq = judged_log(found).motion.dq
+    assert 0.5 * (error(fit) - error(right)) < step.gain < 1.1 * (error(fit) - error(right))
+    dq = judged_log(fit).motion.dq
     assert step.speeds == pytest.approx((0.05 * np.sqrt(np.mean(dq**2)),), rel=0.01)
 
 
 def test_what_is_left_at_reversals_gains_no_more_than_its_excess() -> None:
     """Half of the residual in the fifth of the time that the slider is slow: three tenths of it are not by chance."""
-    found = fitted(moved("train", late=0.008), moved("held", (2.4, 4.3), seed=1, late=0.008))
-    log = judged_log(found)
+    fit = fitted(moved("train", late=0.008), moved("held", (2.4, 4.3), seed=1, late=0.008))
+    log = judged_log(fit)
     test = replace(log.residuals["slider"], reversal_share=0.5, slow_share=0.2)
     errors = replace(log.errors, rmse={"slider": 2.0}, relative_error=10.0, sensor_noise={})
     told = replace(log, errors=errors, residuals={"slider": test})
-    (step,) = of_kind(replace(found, validations=(found.validations[0], told)), SlowReversals)
+    (step,) = of_kind(replace(fit, validations=(fit.validations[0], told)), SlowReversals)
     assert step.gain == pytest.approx(10.0 * (1 - np.sqrt(0.7)))
 
 
@@ -134,15 +134,15 @@ def test_motion_beyond_the_training_is_to_be_trained() -> None:
         ("slider",),
         "held",
     )
-    found = fitted(slow, both)
-    (step,) = of_kind(found, Cover)
+    fit = fitted(slow, both)
+    (step,) = of_kind(fit, Cover)
     assert (step.log, step.joint) == ("held", "slider")
     assert 19.9 < step.start < step.stop <= 23.0
-    motion, train = judged_log(found).motion, found.validations[0].motion
+    motion, train = judged_log(fit).motion, fit.validations[0].motion
     assert step.faster > np.abs(motion.dq[motion.mask]).max() / np.abs(train.dq).max() - 1e-9
     assert step.speed == pytest.approx(step.faster * np.abs(train.dq[train.mask]).max())
     inside = fitted(slow, fast)
-    assert step.gain == pytest.approx(error(found) - error(inside), rel=0.2)
+    assert step.gain == pytest.approx(error(fit) - error(inside), rel=0.2)
     assert of_kind(inside, Cover) == []
 
 
@@ -167,15 +167,15 @@ def test_what_the_checks_find_gains_what_it_removes() -> None:
     log = judged_log(sound)
     noise = {"slider": NOISE}
     worse = replace(log, errors=replace(log.errors, rmse={"slider": 2 * NOISE}, relative_error=8.0, sensor_noise=noise))
-    found = replace(sound, validations=(sound.validations[0], worse))
+    result = replace(sound, validations=(sound.validations[0], worse))
     notes = [Removing(0.5), Removing(1e-4), Removing(0.9), Advice(), Removing()]  # shares of 3 NOISE^2
     findings = [Finding(note, "slider", severity=Severity.INFO) for note in notes]
-    steps = of_kind(replace(found, warnings=tuple(findings)), SetRight)
+    steps = of_kind(replace(result, warnings=tuple(findings)), SetRight)
     assert [step.finding for step in steps] == [findings[2], findings[0], findings[3]]
     assert steps[0].gain == pytest.approx(8.0 * (1 - np.sqrt(1 - 2.7 / 4)))
     assert steps[1].gain == pytest.approx(8.0 * (1 - np.sqrt(1 - 1.5 / 4)))
     assert steps[2].gain is None
-    assert next_steps(replace(found, warnings=tuple(findings[::-1])))[:2] == tuple(steps[:2])
+    assert next_steps(replace(result, warnings=tuple(findings[::-1])))[:2] == tuple(steps[:2])
 
 
 def test_what_the_checks_find_comes_before_other_steps() -> None:
@@ -203,21 +203,23 @@ def test_no_step_gains_what_is_the_sensors_noise() -> None:
 def test_a_parameter_gains_what_its_error_costs_the_held_out_motion() -> None:
     """With the friction of the fit off by its standard error, which the mass takes up as well as it can."""
     train, held = moved("train"), moved("held", (2.4, 4.3), seed=1)
-    found = fitted(train, held)
-    log = judged_log(found)
+    result = fitted(train, held)
+    log = judged_log(result)
     log = replace(log, errors=replace(log.errors, rmse={"slider": 6.0}, relative_error=40.0))  # above the noise
-    found = replace(found, validations=(found.validations[0], log))
-    wide = replace(found, errors=replace(found.errors, std=np.array([0.0, 6.0, 0.0, 0.0])))
+    result = replace(result, validations=(result.validations[0], log))
+    wide = replace(result, errors=replace(result.errors, std=np.array([0.0, 6.0, 0.0, 0.0])))
     (step,) = of_kind(wide, Sharpen)
     assert (step.excitation, step.faster) == (ExcitingMotion.CONSTANT_SPEEDS, None)
-    Y, moving = (found.model.regressor(m.q, m.dq, m.ddq)[:, 0] for m in (one.motion for one in found.validations))
+    Y, moving = (
+        result.model.regressor(m.q, m.dq, m.ddq)[:, 0] for m in (validation.motion for validation in result.validations)
+    )
     others = np.linalg.lstsq(Y[:, [0, 2, 3]], -6.0 * Y[:, 1], rcond=None)[0]
     off = 6.0 * moving[:, 1] + moving[:, [0, 2, 3]] @ others
     assert step.gain == pytest.approx(gain_points(log, {"slider": float(np.mean(off**2))}), rel=0.05)
-    heavy = replace(found, errors=replace(found.errors, std=np.array([6.0, 0.0, 0.0, 0.0])))
+    heavy = replace(result, errors=replace(result.errors, std=np.array([6.0, 0.0, 0.0, 0.0])))
     (step,) = of_kind(heavy, Sharpen)
     assert step.excitation is ExcitingMotion.ACCELERATE
-    assert step.faster == pytest.approx(np.sqrt(6.0 / (0.3 * found.estimate.value[0])))
+    assert step.faster == pytest.approx(np.sqrt(6.0 / (0.3 * result.estimate.value[0])))
 
 
 def test_a_training_so_short_that_a_part_of_it_is_empty_has_no_odd_part() -> None:

@@ -38,15 +38,15 @@ def log(seed: int, rate: float = 9.0) -> Log:
 TRAIN, HELD = log(1), log(2, 8.0)
 
 
-def put(one: Log, rows: list[int] | slice, value: float) -> Log:
-    tau = one.tau.copy()
+def put(case: Log, rows: list[int] | slice, value: float) -> Log:
+    tau = case.tau.copy()
     tau[rows] = value
-    return replace(one, tau=tau)
+    return replace(case, tau=tau)
 
 
-def fitted(one: Log, held: Log | None = None, **changes) -> Identification:
+def fitted(case: Log, held: Log | None = None, **changes) -> Identification:
     validation = {} if held is None else {"b": held}
-    return identify(ARM, {"a": one}, validation, replace(Recipe(Spline(sigma=1e-4)), **changes))
+    return identify(ARM, {"a": case}, validation, replace(Recipe(Spline(sigma=1e-4)), **changes))
 
 
 @cache
@@ -73,10 +73,8 @@ WRONG = {
 )
 def test_the_fit_is_that_without_them(kind: str, changes: dict) -> None:
     """Within 5 standard errors of the fit to the clean log."""
-    clean, found = unspoilt(**changes), fitted(WRONG[kind], **changes)
-    assert np.all(
-        np.abs(found.estimate.value - clean.estimate.value) < 5 * np.maximum(clean.errors.std, found.errors.std)
-    )
+    clean, fit = unspoilt(**changes), fitted(WRONG[kind], **changes)
+    assert np.all(np.abs(fit.estimate.value - clean.estimate.value) < 5 * np.maximum(clean.errors.std, fit.errors.std))
 
 
 def test_they_can_be_kept() -> None:
@@ -96,37 +94,37 @@ def test_a_joint_that_stops_within_four_spikes_beyond_the_end_is_at_a_reversal(s
 
 @pytest.mark.parametrize("seed", range(8))
 def test_a_clean_log_loses_nothing(seed: int) -> None:
-    (one,) = fitted(log(seed)).validations
-    assert one.motion.keep is None
+    (validation,) = fitted(log(seed)).validations
+    assert validation.motion.keep is None
 
 
 def test_an_arm_let_go_is_no_outlier() -> None:
     motion = simulate(ARM, ARM.values, lambda t: [0.8 * (t < 4.0)], T)
     swing = record(motion, sigma_q=1e-4, sigma_tau=0.0, rng=np.random.default_rng(3)).log
-    (one,) = fitted(swing).validations
-    assert one.motion.keep is None or one.motion.keep.all()
+    (validation,) = fitted(swing).validations
+    assert validation.motion.keep is None or validation.motion.keep.all()
 
 
 def test_a_held_out_log_is_judged_as_measured_and_its_outliers_told() -> None:
-    found = fitted(TRAIN, put(HELD, [500, 900], 40.0))
-    (note,) = (one for one in found.warnings if isinstance(one, HeldOutOutliers))
+    fit = fitted(TRAIN, put(HELD, [500, 900], 40.0))
+    (note,) = (warning for warning in fit.warnings if isinstance(warning, HeldOutOutliers))
     assert (note.log, note.joints, note.count) == ("b", ("pivot",), 2)
-    assert note.error == found.validations[1].errors.relative_error > 80
+    assert note.error == fit.validations[1].errors.relative_error > 80
     assert note.forbidden is Use.SIMULATION
     assert replace(note, without=0.6 * note.error).forbidden is None
     assert note.without == pytest.approx(fitted(TRAIN, HELD).validations[1].errors.relative_error, rel=0.01)
 
 
 def test_a_torque_at_a_limit_nearly_always_is_fitted_as_measured() -> None:
-    (one,) = fitted(replace(TRAIN, tau=np.clip(TRAIN.tau, -0.01, 0.01))).validations
-    assert one.motion.keep is None
+    (validation,) = fitted(replace(TRAIN, tau=np.clip(TRAIN.tau, -0.01, 0.01))).validations
+    assert validation.motion.keep is None
 
 
 def test_a_joint_of_which_every_torque_is_suspect_is_fitted_as_measured() -> None:
     arm, clean = two_link_arm(), two_links()
     tau = np.column_stack([clean.tau[:, 0], 0.5 * np.sign(clean.tau[:, 1])])
-    found = identify(arm, {"a": replace(clean, tau=tau)}, {}, Recipe(Spline(sigma=1e-4)))
-    keep = found.validations[0].motion.keep
+    result = identify(arm, {"a": replace(clean, tau=tau)}, {}, Recipe(Spline(sigma=1e-4)))
+    keep = result.validations[0].motion.keep
     assert keep.all()
 
 
@@ -138,8 +136,8 @@ def test_every_estimator_leaves_them_out_also_at_the_ends(estimator: Estimator, 
     q[row] += 3.0
     clean = unspoilt(estimator=estimator)
     for wrong in (replace(TRAIN, q=q), put(TRAIN, [row], 500.0)):
-        one = fitted(wrong, estimator=estimator)
-        assert np.all(np.abs(one.estimate.value - clean.estimate.value) < 2 * clean.errors.std)
+        fit = fitted(wrong, estimator=estimator)
+        assert np.all(np.abs(fit.estimate.value - clean.estimate.value) < 2 * clean.errors.std)
 
 
 def test_torques_that_are_all_zero_are_refused() -> None:
@@ -164,22 +162,22 @@ def test_a_torque_that_was_never_recorded_spoils_nothing(estimator: Estimator, c
     """The first joint is fitted as if the second had no equation; of the second there is no error."""
     arm, clean, recipe = two_link_arm(), two_links(), Recipe(Spline(sigma=1e-4), estimator)
     unknown = replace(clean, keep=np.column_stack([np.ones(len(T), bool), np.zeros(len(T), bool)]))
-    known, found = (identify(arm, {"a": one}, {"b": one}, recipe) for one in (unknown, two_links(constant)))
-    for one, expected in zip(found.validations, known.validations, strict=True):
-        assert not one.motion.keep[:, 1].any()
-        assert one.errors.per_joint["joint1"] == pytest.approx(expected.errors.per_joint["joint1"], rel=1e-3)
-        assert one.errors.relative_error == one.errors.per_joint["joint1"] < 3
-        assert np.isnan([one.errors.per_joint["joint2"], one.errors.rmse["joint2"]]).all()
-        assert set(one.residuals) == {"joint1"}
-    (reason,) = (one for one in judge(found).reasons if isinstance(one, SilentTorque))
+    reference, result = (identify(arm, {"a": x}, {"b": x}, recipe) for x in (unknown, two_links(constant)))
+    for case, expected in zip(result.validations, reference.validations, strict=True):
+        assert not case.motion.keep[:, 1].any()
+        assert case.errors.per_joint["joint1"] == pytest.approx(expected.errors.per_joint["joint1"], rel=1e-3)
+        assert case.errors.relative_error == case.errors.per_joint["joint1"] < 3
+        assert np.isnan([case.errors.per_joint["joint2"], case.errors.rmse["joint2"]]).all()
+        assert set(case.residuals) == {"joint1"}
+    (reason,) = (reason for reason in judge(result).reasons if isinstance(reason, SilentTorque))
     assert reason.joints == ("joint2",)
 
 
 def test_a_torque_missing_in_one_of_two_logs_is_known_from_the_other() -> None:
     arm, clean, dead = two_link_arm(), two_links(), two_links(0.0)
-    whole = identify(arm, {"a": clean}, {}, Recipe(Spline(sigma=1e-4)))
-    found = identify(arm, {"a": clean, "b": dead}, {}, Recipe(Spline(sigma=1e-4)))
-    assert np.all(np.abs(found.estimate.value - whole.estimate.value) < 3 * whole.errors.std)
+    result = identify(arm, {"a": clean}, {}, Recipe(Spline(sigma=1e-4)))
+    test_result = identify(arm, {"a": clean, "b": dead}, {}, Recipe(Spline(sigma=1e-4)))
+    assert np.all(np.abs(test_result.estimate.value - result.estimate.value) < 3 * result.errors.std)
 
 
 def test_a_joint_that_turns_freely_is_fitted() -> None:
@@ -189,7 +187,7 @@ def test_a_joint_that_turns_freely_is_fitted() -> None:
     motion = simulate(arm, passive, lambda t: [4 * np.sin(2 * t) + 2 * np.sin(3.1 * t), 0.0], T[:600])
     log = record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=np.random.default_rng(0)).log
     free = replace(log, tau=log.tau * [1.0, 0.0])
-    found = identify(arm, {"a": free}, {}, Recipe(Spline(sigma=1e-4)))
-    keep = found.validations[0].motion.keep
+    result = identify(arm, {"a": free}, {}, Recipe(Spline(sigma=1e-4)))
+    keep = result.validations[0].motion.keep
     assert keep is None or keep[:, 1].all()
-    assert np.all(np.abs(found.estimate.value - passive) < 0.03 * np.abs(passive).max())
+    assert np.all(np.abs(result.estimate.value - passive) < 0.03 * np.abs(passive).max())

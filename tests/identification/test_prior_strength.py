@@ -20,9 +20,9 @@ def errors(text: str, seed: int, samples: int) -> tuple[float, float, float]:
     """Errors (%) on motion 2.5 times as fast, without the prior and with the strength that is found, and this."""
     slow = problem(text, speed=0.4, seed=seed, samples=samples, seconds=8.0)
     fast = problem(text, speed=1.0, seed=seed + 100, samples=400, wrong=0.0)
-    found = find_prior_strength(slow.model, slow.motions, AUTO)
-    chosen = with_strength(AUTO, found)(slow).value
-    return error(fast, AUTO(slow).value), error(fast, chosen), found.strength
+    prior_strength = find_prior_strength(slow.model, slow.motions, AUTO)
+    chosen = with_strength(AUTO, prior_strength)(slow).value
+    return error(fast, AUTO(slow).value), error(fast, chosen), prior_strength.strength
 
 
 def test_a_file_that_is_off_by_a_quarter_helps_short_and_slow_training() -> None:
@@ -55,12 +55,12 @@ def test_only_what_is_to_be_chosen_is() -> None:
 def test_the_stronger_the_prior_the_nearer_the_file() -> None:
     """In units of the usual sizes; the data alone at zero, the file in the limit."""
     posed = problem(arm(off=0.3), samples=200)
-    nominal = np.array([one.value or 0.0 for one in posed.model.parameters])[:60]
+    nominal = np.array([parameter.value or 0.0 for parameter in posed.model.parameters])[:60]
     parameters = posed.model.parameters
     size = parameter_scales(parameters, bodies_of(parameters), np.ones(len(parameters)), 1.0)[:60]
     far = [
-        np.linalg.norm((PhysicallyConsistent(strength=one)(posed).value[:60] - nominal) / size)
-        for one in (0.0, 1e-2, 1.0, 1e3)
+        np.linalg.norm((PhysicallyConsistent(strength=x)(posed).value[:60] - nominal) / size)
+        for x in (0.0, 1e-2, 1.0, 1e3)
     ]
     assert far == sorted(far, reverse=True)
     assert far[-1] < 0.1 * far[0]

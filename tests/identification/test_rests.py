@@ -70,9 +70,9 @@ def test_what_is_no_long_rest_stays(still: Log) -> None:
 
 def test_one_joint_at_rest_is_no_rest_of_the_arm() -> None:
     still = log((5.0, 0.0), (20.0, 1.0))
-    one = replace(still, q=np.column_stack([still.q[:, 0], np.sin(2 * still.t)]))
-    assert rest_blocks(one)[:49, 0].all()
-    assert trim_rests(one) is one
+    case = replace(still, q=np.column_stack([still.q[:, 0], np.sin(2 * still.t)]))
+    assert rest_blocks(case)[:49, 0].all()
+    assert trim_rests(case) is case
 
 
 def test_a_flickering_encoder_is_at_rest() -> None:
@@ -84,11 +84,11 @@ def test_a_flickering_encoder_is_at_rest() -> None:
 
 def test_spikes_of_the_positions_are_no_motion_and_no_noise() -> None:
     moving, still = log((20.0, 1.0)), log((5.0, 0.0), (20.0, 1.0))
-    for one in (moving, still):
-        q = one.q.copy()
+    for case in (moving, still):
+        q = case.q.copy()
         q[[300, 900, 2000], 0] += 50.0
-        span = moving_span(replace(one, q=q))
-        assert span == pytest.approx(moving_span(one), abs=0.11)
+        span = moving_span(replace(case, q=q))
+        assert span == pytest.approx(moving_span(case), abs=0.11)
 
 
 @cache
@@ -112,19 +112,19 @@ def held(friction: float) -> tuple[Motion, Log]:
 
 def test_holds_in_which_friction_has_any_value_are_left_out() -> None:
     motion, recorded = held(5.0)
-    found, (note,) = without_rests(two_link_arm(), {"a": motion}, {"train": {"a": recorded}}, "trim")
+    result, (note,) = without_rests(two_link_arm(), {"a": motion}, {"train": {"a": recorded}}, "trim")
     assert note.left_out
     assert note.gain.share > 10
     assert note.within == pytest.approx(8 * 1.5, rel=0.2)
-    kept = found["a"].keep.all(axis=1)
+    kept = result["a"].keep.all(axis=1)
     assert kept[np.abs(motion.dq).max(axis=1) > 0.1].all()
     assert kept[np.abs(motion.dq).max(axis=1) == 0].mean() < 0.2
 
 
 def test_holds_that_carry_the_static_torque_stay() -> None:
     motion, recorded = held(0.0)
-    found, (note,) = without_rests(two_link_arm(), {"a": motion}, {"train": {"a": recorded}}, "trim")
-    assert found == {"a": motion}
+    result, (note,) = without_rests(two_link_arm(), {"a": motion}, {"train": {"a": recorded}}, "trim")
+    assert result == {"a": motion}
     assert not note.left_out
     assert note.within > 0
 
@@ -133,8 +133,8 @@ def test_where_rests_are_kept_or_a_minimum_speed_is_set_nothing_is_decided() -> 
     motion, recorded = held(5.0)
     logs = {"train": {"a": recorded}}
     assert without_rests(two_link_arm(), {"a": motion}, logs, "keep") == ({"a": motion}, ())
-    found, (note,) = without_rests(two_link_arm(), {"a": motion}, logs, "trim", Selection(min_speed=(0.1, 0.1)))
-    assert found == {"a": motion}
+    result, (note,) = without_rests(two_link_arm(), {"a": motion}, logs, "trim", Selection(min_speed=(0.1, 0.1)))
+    assert result == {"a": motion}
     assert note.gain is None
     _, (note,) = without_rests(two_link_arm(), {"a": motion}, logs, "trim", Selection(min_speed=(0.1, 0.0)))
     assert note.gain is not None, "the other joint is fitted at rest"
@@ -150,25 +150,25 @@ def waiting() -> Log:
     return Log(np.arange(len(q)) * STEP, q, tau, JOINTS, "log")
 
 
-def fitted(rests: str, one: Log) -> Identification:
-    return identify(two_link_arm(), {"a": one}, {"b": one}, Recipe(rests=rests))  # type: ignore[arg-type]
+def fitted(rests: str, case: Log) -> Identification:
+    return identify(two_link_arm(), {"a": case}, {"b": case}, Recipe(rests=rests))  # type: ignore[arg-type]
 
 
 def test_identify_trims_and_says_so() -> None:
-    found = fitted("trim", waiting())
-    said = [one for one in found.notes if isinstance(one, Rests)]
-    assert [one.log for one in said] == ["a", "b"]
-    assert [one.start for one in said] == pytest.approx([3.7, 3.7], abs=0.15)
-    assert [one.end for one in said] == pytest.approx([2.7, 2.7], abs=0.15)
-    assert {one.within for one in said} == {0.0}
-    assert [len(one.motion) for one in found.validations] == [len(trim_rests(waiting()))] * 2
-    assert not any(isinstance(one, Rests) for one in fitted("keep", waiting()).notes)
+    fit = fitted("trim", waiting())
+    said = [note for note in fit.notes if isinstance(note, Rests)]
+    assert [x.log for x in said] == ["a", "b"]
+    assert [x.start for x in said] == pytest.approx([3.7, 3.7], abs=0.15)
+    assert [x.end for x in said] == pytest.approx([2.7, 2.7], abs=0.15)
+    assert {x.within for x in said} == {0.0}
+    assert [len(validation.motion) for validation in fit.validations] == [len(trim_rests(waiting()))] * 2
+    assert not any(isinstance(note, Rests) for note in fitted("keep", waiting()).notes)
 
 
 def test_an_identification_without_rests_is_the_same_to_the_last_bit() -> None:
     moving = waiting().window(4.5, 13.5)
     assert trim_rests(moving) is moving
-    one, other = (fitted(rests, moving) for rests in ("trim", "keep"))
-    assert (one.estimate.value == other.estimate.value).all()
-    assert one.notes == other.notes
-    assert (one.validations[1].predicted_torque == other.validations[1].predicted_torque).all()
+    first, second = (fitted(rests, moving) for rests in ("trim", "keep"))
+    assert (first.estimate.value == second.estimate.value).all()
+    assert first.notes == second.notes
+    assert (first.validations[1].predicted_torque == second.validations[1].predicted_torque).all()

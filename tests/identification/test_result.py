@@ -63,13 +63,15 @@ def test_a_time_offset_is_not_applied_twice() -> None:
 def test_a_controller_sees_positions_when_they_were_stamped(is_looped: bool) -> None:
     """Other free runs start from the motion of the fit."""
     arm, motion = swing(401)
-    one = np.ones(2)
-    drive = PD(motion.joints, motion.t, motion.q, 10 * one, one, one, one * np.inf, 0 * motion.q) if is_looped else None
+    ones = np.ones(2)
+    drive = (
+        PD(motion.joints, motion.t, motion.q, 10 * ones, ones, ones, ones * np.inf, 0 * motion.q) if is_looped else None
+    )
     log = Log(motion.t, motion.q, motion.tau, motion.joints, "swing", controller=drive)
-    found = identify(arm, [log], (), Recipe(time_offset=0.004, restart=None if is_looped else 0.5))
-    (validation,) = found.validations
+    result = identify(arm, [log], (), Recipe(time_offset=0.004, restart=None if is_looped else 0.5))
+    (validation,) = result.validations
     start = smooth_log(Spline(), log) if is_looped else validation.motion
-    expected = free_run(found.model, found.estimate.value, start, drive, restart=0.5)
+    expected = free_run(result.model, result.estimate.value, start, drive, restart=0.5)
     np.testing.assert_array_equal(validation.free_run.q, expected.q)
 
 

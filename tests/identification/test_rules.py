@@ -25,16 +25,24 @@ from tests.kept import check_kept, facts
 Array = NDArray[np.float64]
 
 
-def with_held(found: Identification, **changes: Any) -> Verdict:
-    return judge(replace(found, validations=(found.validations[0], replace(found.validations[1], **changes))))
+def with_held(identification: Identification, **changes: Any) -> Verdict:
+    return judge(
+        replace(
+            identification,
+            validations=(identification.validations[0], replace(identification.validations[1], **changes)),
+        )
+    )
 
 
-def with_errors(found: Identification, trained: dict[str, Any], **held: Any) -> Verdict:
+def with_errors(identification: Identification, trained: dict[str, Any], **held: Any) -> Verdict:
     def changed(log: LogValidation, changes: dict[str, Any]) -> LogValidation:
         return replace(log, errors=replace(log.errors, **changes))
 
     return judge(
-        replace(found, validations=(changed(found.validations[0], trained), changed(found.validations[1], held)))
+        replace(
+            identification,
+            validations=(changed(identification.validations[0], trained), changed(identification.validations[1], held)),
+        )
     )
 
 
@@ -63,7 +71,7 @@ def test_a_limit_itself_is_allowed_and_no_more(
     arm: Identification, trained: dict[str, Any], held: dict[str, Any]
 ) -> None:
     def beyond(value: Any) -> Any:
-        return {name: beyond(one) for name, one in value.items()} if isinstance(value, dict) else value * (1 + 1e-6)
+        return {name: beyond(x) for name, x in value.items()} if isinstance(value, dict) else value * (1 + 1e-6)
 
     assert with_errors(arm, trained, **held).use is Use.SIMULATION
     worse = {name: value if name == "relative_error_filtered" else beyond(value) for name, value in held.items()}
@@ -158,7 +166,7 @@ def test_limits_of_what_physics_may_hold_back(
     free = judge(replace(arm, estimate=replace(arm.estimate, consistency=None)))
     assert free.reasons == (why.InertiasFree(),)
     drawn = judge(replace(arm, recipe=replace(arm.recipe, estimator=Ridge())))
-    assert [type(one) for one in drawn.reasons] == ([] if use is Use.SIMULATION else [why.DrawnBack])
+    assert [type(reason) for reason in drawn.reasons] == ([] if use is Use.SIMULATION else [why.DrawnBack])
 
 
 def test_a_friction_of_zero_is_physical(arm: Identification) -> None:
@@ -166,8 +174,8 @@ def test_a_friction_of_zero_is_physical(arm: Identification) -> None:
         values = arm.estimate.value.copy()
         values[arm.model.names.index("Fv_elbow")] = value
         free = replace(arm, estimate=replace(arm.estimate, value=values))
-        found = tuple(one for one in judge(free).reasons if isinstance(one, why.NegativeValues))
-        assert found == reasons
+        result = tuple(reason for reason in judge(free).reasons if isinstance(reason, why.NegativeValues))
+        assert result == reasons
 
 
 @pytest.mark.parametrize(("share", "use"), [(0.501, Use.SIMULATION), (0.499, Use.CONTROL)])
@@ -180,9 +188,9 @@ def test_held_out_motion_must_have_half_the_speed_of_the_training(arm: Identific
     signals = replace(held.signals, motion=replace(held.motion, dq=dq))
     verdict = judge(replace(arm, validations=(train, replace(held, signals=signals))))
     assert verdict.use is use
-    slow = [one for one in verdict.reasons if isinstance(one, why.SlowHoldOut)]
-    assert [one.share for one in slow] == ([] if use is Use.SIMULATION else [pytest.approx(share)])
-    assert all(one.remedy == HoldOutFaster(1.0 / one.share) in verdict.next for one in slow)
+    slow = [reason for reason in verdict.reasons if isinstance(reason, why.SlowHoldOut)]
+    assert [x.share for x in slow] == ([] if use is Use.SIMULATION else [pytest.approx(share)])
+    assert all(x.remedy == HoldOutFaster(1.0 / x.share) in verdict.next for x in slow)
 
 
 def test_the_error_announced_on_a_larger_and_faster_motion_is_asked_for(arm: Identification) -> None:
@@ -232,8 +240,8 @@ def test_the_residual_shown_is_where_most_torque_is_left(arm: Identification) ->
         arm.validations[1].errors, rmse={"shoulder": 0.2, "elbow": 1.0}, per_joint={"shoulder": 9.0, "elbow": 2.0}
     )
     both = {"shoulder": test, "elbow": test}
-    found = with_held(arm, errors=errors, residuals=both).residual
-    assert found.joint == "elbow"
+    residual = with_held(arm, errors=errors, residuals=both).residual
+    assert residual.joint == "elbow"
     for name, wrong in (("lag1", np.nan), ("per_joint", {"shoulder": 9.0, "elbow": np.inf})):
         told = both | {"elbow": replace(test, lag1=np.nan)} if name == "lag1" else both
         other = replace(errors, per_joint=wrong) if name == "per_joint" else errors
@@ -243,12 +251,12 @@ def test_the_residual_shown_is_where_most_torque_is_left(arm: Identification) ->
     assert with_held(arm, errors=errors, residuals=neither).residual is None
 
 
-def sharpened(found: Identification, worst: dict[str, float]) -> list[Sharpen]:
+def sharpened(identification: Identification, worst: dict[str, float]) -> list[Sharpen]:
     """The steps where the parameters named have these standard errors over their values, the others none."""
-    value = found.estimate.value
-    std = np.array([worst.get(name, 0.0) for name in found.model.names]) * np.abs(value)
-    errors = replace(found.errors, std=std, base_covariance=None)
-    alone = replace(found, base=replace(found.base, on_data=None), errors=errors)
+    value = identification.estimate.value
+    std = np.array([worst.get(name, 0.0) for name in identification.model.names]) * np.abs(value)
+    errors = replace(identification.errors, std=std, base_covariance=None)
+    alone = replace(identification, base=replace(identification.base, on_data=None), errors=errors)
     return [step for step in judge(alone).next if isinstance(step, Sharpen)]
 
 
@@ -265,9 +273,9 @@ def test_the_motion_asked_for_is_one_that_shows_the_parameter(arm: Identificatio
     assert [step.share for step in steps] == sorted((step.share for step in steps), reverse=True)
     (motion,) = (log.motion for log in arm.validations if log.role == "train")
     k = arm.model.names.index("Fv_shoulder")
-    (one,) = (step for step in steps if step.parameter == "Fv_shoulder")
-    torque = one.std * np.linalg.norm(arm.model.regressor(motion.q, motion.dq, motion.ddq)[:, :, k])
-    assert one.share == pytest.approx(100 * torque / np.linalg.norm(motion.tau), rel=0.02)
+    (case,) = (step for step in steps if step.parameter == "Fv_shoulder")
+    torque = case.std * np.linalg.norm(arm.model.regressor(motion.q, motion.dq, motion.ddq)[:, :, k])
+    assert case.share == pytest.approx(100 * torque / np.linalg.norm(motion.tau), rel=0.02)
 
 
 @dataclass(frozen=True)
@@ -296,9 +304,9 @@ def test_the_motion_asked_for_is_the_same_in_any_unit(arm: Identification, unit:
     other = replace(arm, model=Model((InUnits(arm.model, unit),)), estimate=free)
     steps, same = sharpened(arm, badly), sharpened(other, badly)
     assert len(steps) == len(badly)
-    for one, again in zip(steps, same, strict=True):
-        assert (again.parameter, again.excitation, again.joint) == (one.parameter, one.excitation, one.joint)
-        assert again.share == pytest.approx(one.share)
+    for case, again in zip(steps, same, strict=True):
+        assert (again.parameter, again.excitation, again.joint) == (case.parameter, case.excitation, case.joint)
+        assert again.share == pytest.approx(case.share)
 
 
 def test_only_what_is_unsure_and_matters_is_sharpened_five_at_most(arm: Identification) -> None:
@@ -327,8 +335,8 @@ def test_nothing_is_held_back_at_rest(arm: Identification) -> None:
     (train, held) = arm.validations
     silent = replace(train, signals=replace(train.signals, motion=replace(train.motion, tau=0 * train.motion.tau)))
     none = replace(arm, validations=(silent, held), estimate=replace(arm.estimate, value=0 * arm.estimate.value))
-    found = constraint_effect(none)
-    assert (found.growth, found.torque_change) == (0.0, 0.0)
+    result = constraint_effect(none)
+    assert (result.growth, result.torque_change) == (0.0, 0.0)
 
 
 def test_the_figures_of_an_identification_stay(arm: Identification) -> None:

@@ -103,12 +103,12 @@ def second(use: Use, *reasons: why.Reason, run: WorstRun | None = RUN) -> str:
 def test_the_second_sentence_praises_only_what_nothing_stands_against() -> None:
     assert second(Use.SIMULATION).startswith("Its mass matrix is positive definite in all poses tested")
     assert "at most 2.5 % of the motion (elbow, fast)" in second(Use.SIMULATION)
-    one, two, three = why.NoFreeRun(), why.InertiasFree(), why.NoHoldOut()
-    assert second(Use.CONTROL, one) == "Not tested for simulation: no free simulation was run."
-    assert second(Use.CONTROL, one, run=None) == second(Use.CONTROL, one)
+    case, two, three = why.NoFreeRun(), why.InertiasFree(), why.NoHoldOut()
+    assert second(Use.CONTROL, case) == "Not tested for simulation: no free simulation was run."
+    assert second(Use.CONTROL, case, run=None) == second(Use.CONTROL, case)
     assert second(Use.DO_NOT_USE, three) == f"Against its use: {three}."
-    assert second(Use.CONTROL, one, two) == f"Not for simulation: {one}; {two}."
-    assert second(Use.DO_NOT_USE, three, one, two) == f"Against its use: {three}; {one}. There is 1 more reason."
+    assert second(Use.CONTROL, case, two) == f"Not for simulation: {case}; {two}."
+    assert second(Use.DO_NOT_USE, three, case, two) == f"Against its use: {three}; {case}. There is 1 more reason."
 
 
 def test_a_reason_that_asks_ends_with_its_question_mark() -> None:

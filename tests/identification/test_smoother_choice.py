@@ -77,13 +77,13 @@ class Counted(ThreadPoolExecutor):
 def test_an_executor_smooths_and_chooses_the_same() -> None:
     """Also where a candidate fails, whose error is that of this process."""
     jittered = replace(log(), t=log().t + 0.001 * (np.arange(2001) % 2))
-    for one, candidates in ((log(coloured=True), FACTORS), (jittered, (Butterworth(), Spline()))):
-        known: dict[int, tuple[Motion, ...]] = {}
+    for case, candidates in ((log(coloured=True), FACTORS), (jittered, (Butterworth(), Spline()))):
+        reference: dict[int, tuple[Motion, ...]] = {}
         with Counted(2) as executor:
-            spread = choose_smoother(two_link_arm(), [one], candidates, executor=executor, motion_cache=known)
-        assert spread == choose_smoother(two_link_arm(), [one], candidates)
+            spread = choose_smoother(two_link_arm(), [case], candidates, executor=executor, motion_cache=reference)
+        assert spread == choose_smoother(two_link_arm(), [case], candidates)
         assert executor.used
-        assert id(spread.smoother) in known
+        assert id(spread.smoother) in reference
     with Counted(2) as executor, pytest.raises(InputError, match="too irregular"):
         choose_smoother(two_link_arm(), [jittered], (Butterworth(),), executor=executor)
 
@@ -92,22 +92,22 @@ def test_identify_passes_its_executor_on() -> None:
     recipe = Recipe(smoother=(Difference(), Spline()), time_offset="estimate")
     alone = identify(two_link_arm(), {"a": log()}, recipe=recipe)
     with Counted(2) as executor:
-        found = identify(two_link_arm(), {"a": log()}, recipe=recipe, executor=executor)
+        result = identify(two_link_arm(), {"a": log()}, recipe=recipe, executor=executor)
     assert executor.used
-    assert np.array_equal(found.estimate.value, alone.estimate.value)
+    assert np.array_equal(result.estimate.value, alone.estimate.value)
 
 
 def test_the_error_is_that_of_held_out_stretches() -> None:
     """With noise-free data and motion it vanishes; with pure noise for torque it is about one hundred percent."""
-    arm, known = two_link_arm(), motion()
-    assert cross_validated_error(arm, [known]) < 1e-6
-    noise = np.random.default_rng(0).standard_normal(known.tau.shape)
-    assert 95 < cross_validated_error(arm, [replace(known, tau=noise)]) < 110
+    arm, test_motion = two_link_arm(), motion()
+    assert cross_validated_error(arm, [test_motion]) < 1e-6
+    noise = np.random.default_rng(0).standard_normal(test_motion.tau.shape)
+    assert 95 < cross_validated_error(arm, [replace(test_motion, tau=noise)]) < 110
 
 
 def test_long_logs_are_judged_by_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is chosen is what the whole would choose, and no candidate sees more than the pieces."""
-    whole = choose_smoother(two_link_arm(), [log(coloured=True)], FACTORS)
+    smoother = choose_smoother(two_link_arm(), [log(coloured=True)], FACTORS)
     seen: list[int] = []
 
     class Counted(Spline):
@@ -118,8 +118,8 @@ def test_long_logs_are_judged_by_pieces(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(smoother_choice, "MAX_SAMPLES", 1000)
     monkeypatch.setattr(smoother_choice, "PIECES_PER_LOG", 1)
     monkeypatch.setattr(smoother_choice, "REGRESSION_SAMPLES", 300)
-    choice = choose_smoother(two_link_arm(), [log(coloured=True)], [Counted(factor=one.factor) for one in FACTORS])
-    assert choice.smoother.factor == whole.smoother.factor
+    choice = choose_smoother(two_link_arm(), [log(coloured=True)], [Counted(factor=x.factor) for x in FACTORS])
+    assert choice.smoother.factor == smoother.smoother.factor
     assert set(seen) == {1000}
 
 

@@ -34,7 +34,7 @@ UPPER_ARM = RigidBodies(
 )
 
 
-def sliding(late: float, noise: float, n: int = 4000, seed: int = 0) -> Motion:
+def sliding(delay: float, noise: float, n: int = 4000, seed: int = 0) -> Motion:
     """A slider whose positions are ``late``, without noise, under a torque with white noise."""
     t = np.arange(n) * 0.0025
 
@@ -43,7 +43,7 @@ def sliding(late: float, noise: float, n: int = 4000, seed: int = 0) -> Motion:
 
     force = slider().torque(*states(t), (5.0, 8.0, 3.0, 0.5))
     force = force + noise * np.random.default_rng(seed).standard_normal(force.shape)
-    return Motion(t, *states(t - late), force, ("slider",), np.ones(n, dtype=bool))
+    return Motion(t, *states(t - delay), force, ("slider",), np.ones(n, dtype=bool))
 
 
 def left(motion: Motion) -> float:
@@ -53,13 +53,13 @@ def left(motion: Motion) -> float:
     return float(100 * np.linalg.norm(rest) / np.linalg.norm(motion.tau))
 
 
-@pytest.mark.parametrize("late", [-0.031, -0.004, -0.0006, 0.0018, 0.025])
-def test_the_time_offset_is_the_one_put_in_and_its_errors_are_those_by_hand(late: float) -> None:
-    motion = sliding(late, 0.2)
-    found = find_time_offset(slider(), [motion])
-    assert found.seconds == pytest.approx(late, abs=1e-4)
-    assert found.before == pytest.approx(left(motion), rel=0.02)
-    assert found.after == pytest.approx(left(sliding(0.0, 0.2)), rel=0.02)
+@pytest.mark.parametrize("delay", [-0.031, -0.004, -0.0006, 0.0018, 0.025])
+def test_the_time_offset_is_the_one_put_in_and_its_errors_are_those_by_hand(delay: float) -> None:
+    motion = sliding(delay, 0.2)
+    time_offset = find_time_offset(slider(), [motion])
+    assert time_offset.seconds == pytest.approx(delay, abs=1e-4)
+    assert time_offset.before == pytest.approx(left(motion), rel=0.02)
+    assert time_offset.after == pytest.approx(left(sliding(0.0, 0.2)), rel=0.02)
 
 
 @pytest.mark.parametrize("value", [0.0, 5.0, np.nan])
@@ -93,28 +93,28 @@ def test_two_hundred_samples_are_enough_for_an_offset() -> None:
     assert enough.seconds == pytest.approx(0.004, abs=1e-4)
 
 
-@pytest.mark.parametrize("late", [-0.09, 0.034])
-def test_an_offset_of_a_buffer_is_found_and_said_to_be_unusual(late: float) -> None:
-    found = find_time_offset(slider(), [sliding(late, 0.2)])
-    assert found.seconds == pytest.approx(late, abs=2e-4)
-    assert "look for two clocks or a buffer" in str(found)
-    assert "look for" not in str(replace(found, seconds=0.03))
+@pytest.mark.parametrize("delay", [-0.09, 0.034])
+def test_an_offset_of_a_buffer_is_found_and_said_to_be_unusual(delay: float) -> None:
+    time_offset = find_time_offset(slider(), [sliding(delay, 0.2)])
+    assert time_offset.seconds == pytest.approx(delay, abs=2e-4)
+    assert "look for two clocks or a buffer" in str(time_offset)
+    assert "look for" not in str(replace(time_offset, seconds=0.03))
 
 
-@pytest.mark.parametrize("late", [-0.2, 0.12])
-def test_an_offset_beyond_the_range_is_none(late: float) -> None:
-    motion = sliding(late, 0.2)
-    found = find_time_offset(slider(), [motion])
-    assert found.seconds == 0.0
-    assert found.after == found.before == pytest.approx(left(motion), rel=0.02)
+@pytest.mark.parametrize("delay", [-0.2, 0.12])
+def test_an_offset_beyond_the_range_is_none(delay: float) -> None:
+    motion = sliding(delay, 0.2)
+    time_offset = find_time_offset(slider(), [motion])
+    assert time_offset.seconds == 0.0
+    assert time_offset.after == time_offset.before == pytest.approx(left(motion), rel=0.02)
 
 
 def test_the_unit_of_the_torque_does_not_matter() -> None:
     motion = sliding(0.004, 0.2)
     small = find_time_offset(slider(), [replace(motion, tau=1e-9 * motion.tau)])
-    whole = find_time_offset(slider(), [motion])
+    time_offset = find_time_offset(slider(), [motion])
     assert (small.seconds, small.before, small.after) == pytest.approx(
-        (whole.seconds, whole.before, whole.after), rel=1e-4
+        (time_offset.seconds, time_offset.before, time_offset.after), rel=1e-4
     )
 
 
@@ -128,15 +128,17 @@ def test_what_is_masked_does_not_count_in_an_offset_or_its_error() -> None:
     motion = sliding(0.004, 0.2)
     used = np.abs(np.arange(len(motion)) - 2000) > 50
     wrong = replace(motion, mask=used, tau=np.where(used[:, None], motion.tau, 1e4))
-    clean, found = (find_time_offset(slider(), [one]) for one in (replace(motion, mask=used), wrong))
-    assert (found.seconds, found.std, found.after) == pytest.approx((clean.seconds, clean.std, clean.after), rel=1e-6)
-    assert 0 < found.std < 1e-3
+    clean, result = (find_time_offset(slider(), [x]) for x in (replace(motion, mask=used), wrong))
+    assert (result.seconds, result.std, result.after) == pytest.approx(
+        (clean.seconds, clean.std, clean.after), rel=1e-6
+    )
+    assert 0 < result.std < 1e-3
 
 
 def test_without_torque_there_is_no_error_and_no_offset() -> None:
     motion = sliding(0.004, 0.0)
-    found = find_time_offset(slider(), [replace(motion, tau=0 * motion.tau)])
-    assert (found.seconds, found.before, found.after) == (0.0, 0.0, 0.0)
+    time_offset = find_time_offset(slider(), [replace(motion, tau=0 * motion.tau)])
+    assert (time_offset.seconds, time_offset.before, time_offset.after) == (0.0, 0.0, 0.0)
 
 
 @cache
@@ -154,12 +156,12 @@ def test_identify_takes_the_time_offset_into_account_and_says_so() -> None:
     noisy = record(motion, 1e-5, 1e-2, np.random.default_rng(1)).log
     moved = replace(noisy, q=noisy.q - motion.q + motion.shift(-0.005).q).window(0.1, 4.9)
     recipe = Recipe(smoother=(Spline(), Spline(factor=2.0)), time_offset="estimate")
-    found = identify(arm, [moved], (), recipe)
+    result = identify(arm, [moved], (), recipe)
     plain = identify(arm, [moved])
-    assert found.calibration.time_offset.seconds == pytest.approx(0.005, abs=1e-4)
-    assert all(isinstance(one, TimeShifted) for one in found.calibration.smoother.candidates)
-    assert found.validations[0].errors.relative_error < 0.7 * plain.validations[0].errors.relative_error
-    np.testing.assert_allclose(found.estimate.value, arm.values, rtol=0.1)
+    assert result.calibration.time_offset.seconds == pytest.approx(0.005, abs=1e-4)
+    assert all(isinstance(candidate, TimeShifted) for candidate in result.calibration.smoother.candidates)
+    assert result.validations[0].errors.relative_error < 0.7 * plain.validations[0].errors.relative_error
+    np.testing.assert_allclose(result.estimate.value, arm.values, rtol=0.1)
 
 
 def test_the_standard_error_of_a_time_offset_is_its_scatter(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -171,8 +173,8 @@ def test_the_standard_error_of_a_time_offset_is_its_scatter(monkeypatch: pytest.
     ratios = []
     for seed in range(24):
         noise = 0.3 * np.random.default_rng(seed).standard_normal(motion.tau.shape)
-        found = find_time_offset(arm, [replace(motion, tau=motion.tau + noise)])
-        ratios.append(found.seconds / found.std)
+        time_offset = find_time_offset(arm, [replace(motion, tau=motion.tau + noise)])
+        ratios.append(time_offset.seconds / time_offset.std)
     assert abs(np.mean(np.square(ratios)) - 1) < 5 * np.sqrt(2 / 24)
     assert np.std(ratios) > 0.3
 
@@ -181,9 +183,9 @@ def test_an_offset_that_is_not_significant_is_not_applied(monkeypatch: pytest.Mo
     arm, motion = swing(1001, 0.01)
     noise = 0.3 * np.random.default_rng(2).standard_normal(motion.tau.shape)
     monkeypatch.setattr("dynident.identification.time_offset.MIN_ERROR_REDUCTION", -1.0)
-    found = find_time_offset(arm, [replace(motion, tau=motion.tau + noise)])
-    assert found.seconds == 0.0
-    assert 0 < found.std < 0.1
+    time_offset = find_time_offset(arm, [replace(motion, tau=motion.tau + noise)])
+    assert time_offset.seconds == 0.0
+    assert 0 < time_offset.std < 0.1
 
 
 def imitated(share: float) -> Motion:
@@ -191,75 +193,75 @@ def imitated(share: float) -> Motion:
     motion = sliding(0.0, 0.2)
     there = np.arange(len(motion))[:, None] < share * len(motion)
     arm = slider()
-    exact = [arm.torque(one.q, one.dq, one.ddq, (5.0, 8.0, 3.0, 0.5)) for one in (motion, motion.shift(-0.03))]
+    exact = [arm.torque(x.q, x.dq, x.ddq, (5.0, 8.0, 3.0, 0.5)) for x in (motion, motion.shift(-0.03))]
     return replace(motion, tau=motion.tau + np.where(there, exact[1] - exact[0], 0.0))
 
 
 def test_an_offset_that_a_missing_torque_imitates_for_a_while_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """The error of the training falls by far more than is asked for; that of left-out stretches does not."""
     monkeypatch.setattr("dynident.identification.time_offset.MIN_SIGNIFICANCE", 0.0)
-    part, whole = (find_time_offset(slider(), [imitated(share)]) for share in (0.1, 1.0))
+    part, full = (find_time_offset(slider(), [imitated(share)]) for share in (0.1, 1.0))
     assert part.gain.share < part.gain.std
     assert (part.seconds, part.after) == (0.0, part.before)
-    assert whole.gain.sure
-    assert whole.seconds == pytest.approx(-0.03, abs=1e-3)  # the torque is that of before
+    assert full.gain.sure
+    assert full.seconds == pytest.approx(-0.03, abs=1e-3)  # the torque is that of before
 
 
 def test_an_offset_is_compared_on_the_samples_that_are_fast_without_it() -> None:
     """So that none wins by what it leaves out; wrong torques among the slow ones do not count."""
     motion = sliding(0.004, 0.2)
     wrong = replace(motion, tau=motion.tau + 50.0 * (np.abs(motion.dq) < 0.05))
-    found = find_time_offset(slider(), [wrong], selection=Selection(min_speed=(0.2,)))
+    time_offset = find_time_offset(slider(), [wrong], selection=Selection(min_speed=(0.2,)))
     keep = replace(motion, keep=np.abs(motion.dq) >= 0.2)
-    assert found == find_time_offset(slider(), [keep])
+    assert time_offset == find_time_offset(slider(), [keep])
 
 
 def test_what_the_motion_invents_of_an_offset_is_taken_off() -> None:
     """Of 4 ms where a repetition without offset shows 1.5 ms, 2.5 ms are left; where it shows all, none."""
     motion = sliding(0.004, 0.2)
-    found, none = (
-        find_time_offset(slider(), [motion], repeat=lambda _, late=late: [[sliding(late, 0.2)]])
-        for late in (0.0015, 0.00399)
+    result, none = (
+        find_time_offset(slider(), [motion], repeat=lambda _, delayed=delayed: [[sliding(delayed, 0.2)]])
+        for delayed in (0.0015, 0.00399)
     )
-    assert found.seconds == pytest.approx(0.0025, abs=1e-4)
-    assert found.after == pytest.approx(left(sliding(0.004 - found.seconds, 0.2)), rel=0.01)
-    assert found.before == pytest.approx(left(motion), rel=0.02)
+    assert result.seconds == pytest.approx(0.0025, abs=1e-4)
+    assert result.after == pytest.approx(left(sliding(0.004 - result.seconds, 0.2)), rel=0.01)
+    assert result.before == pytest.approx(left(motion), rel=0.02)
     assert none.seconds == 0.0
     assert none.after == none.before == pytest.approx(left(motion), rel=0.02)
 
 
 def test_the_scatter_of_what_the_motion_invents_is_an_error_of_the_offset() -> None:
     """Two repetitions that show 3 ms of either sign have the mean zero +- 2.1 ms: 4 ms is no offset beside."""
-    sets = [[sliding(late, 0.2)] for late in (-0.003, 0.003)]
-    found = find_time_offset(slider(), [sliding(0.004, 0.2)], repeat=lambda _: sets)
-    assert found.seconds == 0.0
-    assert found.std == pytest.approx(0.003 / np.sqrt(2), rel=0.02)
+    sets = [[sliding(delayed, 0.2)] for delayed in (-0.003, 0.003)]
+    time_offset = find_time_offset(slider(), [sliding(0.004, 0.2)], repeat=lambda _: sets)
+    assert time_offset.seconds == 0.0
+    assert time_offset.std == pytest.approx(0.003 / np.sqrt(2), rel=0.02)
 
 
-@pytest.mark.parametrize("late", [0.045, -0.045])
-def test_an_invented_offset_beyond_the_range_leaves_none(late: float) -> None:
+@pytest.mark.parametrize("delay", [0.045, -0.045])
+def test_an_invented_offset_beyond_the_range_leaves_none(delay: float) -> None:
     motion = sliding(0.004, 0.2)
-    sets = [[sliding(0.001, 0.2)], [sliding(late, 0.2)]]
-    found = find_time_offset(slider(), [motion], repeat=lambda _: sets)
-    assert found.seconds == 0.0
-    assert found.after == found.before == pytest.approx(left(motion), rel=0.02)
+    sets = [[sliding(0.001, 0.2)], [sliding(delay, 0.2)]]
+    time_offset = find_time_offset(slider(), [motion], repeat=lambda _: sets)
+    assert time_offset.seconds == 0.0
+    assert time_offset.after == time_offset.before == pytest.approx(left(motion), rel=0.02)
 
 
-@pytest.mark.parametrize(("late", "seconds"), [(-0.0005, 0.0315), (-0.003, 0.0)])
-def test_what_is_left_of_an_offset_is_within_the_range_too(late: float, seconds: float) -> None:
+@pytest.mark.parametrize(("delay", "seconds"), [(-0.0005, 0.0315), (-0.003, 0.0)])
+def test_what_is_left_of_an_offset_is_within_the_range_too(delay: float, seconds: float) -> None:
     """Of 31 ms where a repetition shows some of the other sign, more is left: up to 32 ms."""
-    sets = [[sliding(late, 0.2)]]
-    found = find_time_offset(slider(), [sliding(0.031, 0.2)], repeat=lambda _: sets)
-    assert found.seconds == pytest.approx(seconds, abs=1e-4)
-    assert (found.after < found.before) == (seconds > 0)
+    sets = [[sliding(delay, 0.2)]]
+    time_offset = find_time_offset(slider(), [sliding(0.031, 0.2)], repeat=lambda _: sets)
+    assert time_offset.seconds == pytest.approx(seconds, abs=1e-4)
+    assert (time_offset.after < time_offset.before) == (seconds > 0)
 
 
 def test_what_is_left_of_an_offset_must_remove_half_a_percent_itself() -> None:
     """The whole removes 0.7 %, what is left of it 0.4 %; both are far above their standard errors."""
     motion, invented = sliding(0.004, 5.0, 8000), sliding(0.002, 0.2, 8000)
-    whole = find_time_offset(slider(), [motion])
+    time_offset = find_time_offset(slider(), [motion])
     rest = find_time_offset(slider(), [motion], repeat=lambda _: [[invented]])
-    assert 0.005 < 1 - whole.after / whole.before < 0.008
+    assert 0.005 < 1 - time_offset.after / time_offset.before < 0.008
     assert (rest.seconds, rest.after) == (0.0, rest.before)
     assert 3 * rest.std < 0.002
 
@@ -277,17 +279,17 @@ def test_a_smoother_that_shifts_keeps_its_shift_unless_another_predicts_better()
     noisy = record(motion, 1e-5, 1e-2, np.random.default_rng(3)).log
     log = replace(noisy, q=noisy.q - motion.q + motion.shift(-0.0033).q).window(0.1, 4.9)
     for start in (0.0033, 0.001):
-        found = align_motion(arm, [log], (TimeShifted(Spline(), start),), "estimate")
-        assert isinstance(found.smoother, TimeShifted)
-        assert found.smoother.smoother == Spline()
-        assert found.smoother.time_offset == found.time_offset.seconds == pytest.approx(0.0033, abs=1e-4)
+        result = align_motion(arm, [log], (TimeShifted(Spline(), start),), "estimate")
+        assert isinstance(result.smoother, TimeShifted)
+        assert result.smoother.smoother == Spline()
+        assert result.smoother.time_offset == result.time_offset.seconds == pytest.approx(0.0033, abs=1e-4)
 
 
 def test_an_offset_is_sought_again_on_a_base_that_proves_tilted() -> None:
     """The torque of the tilt hides the offset from a search on a level base."""
     t, q, dq, ddq = states(3, 2000)
     level, rng = Model((bodies(),)), np.random.default_rng(1)
-    theta = np.array([one.value for one in level.parameters])
+    theta = np.array([parameter.value for parameter in level.parameters])
     tau = tilt_base(level, 0.05, 0.03).torque(q, dq, ddq, theta)
     tau += 0.02 * tau.std(axis=0) * rng.standard_normal(tau.shape)
     q += 1e-5 * rng.standard_normal(q.shape)
@@ -295,12 +297,12 @@ def test_an_offset_is_sought_again_on_a_base_that_proves_tilted() -> None:
     recipe = Recipe((Spline(),), LeastSquares(), time_offset="estimate", base_tilt="estimate")
     data = Dataset.of([log], [], recipe, log.joints)
     assert prepare(level, data, recipe).alignment.time_offset.seconds == 0
-    found = prepare_in_rounds(level, data, recipe)
-    assert abs(found.alignment.time_offset.seconds - 0.005) < 2 * found.alignment.time_offset.std < 0.0005
-    assert found.angles[1] == pytest.approx(0.03, abs=2e-3)
+    result = prepare_in_rounds(level, data, recipe)
+    assert abs(result.alignment.time_offset.seconds - 0.005) < 2 * result.alignment.time_offset.std < 0.0005
+    assert result.angles[1] == pytest.approx(0.03, abs=2e-3)
 
 
-def presliding(seed: int, late: float = 0.004) -> Log:
+def presliding(seed: int, delay: float = 0.004) -> Log:
     """An arm with friction that builds up over 0.05 rad, and with torques that are ``late`` (s)."""
     t, rng = np.arange(0, 12, 0.01), np.random.default_rng(seed)
     rates, phases, sizes = (rng.uniform(*limits, (4, 1)) for limits in ((0.8, 5.0), (0, 6), (0.15, 0.4)))
@@ -311,7 +313,7 @@ def presliding(seed: int, late: float = 0.004) -> Log:
     values = {"Ia_j": 0.3, "Fv_j": 1.0, "Fd_j": 5.0, "offset_j": 0.4}
     theta = np.array([values[x.name] if x.value is None else x.value for x in model.parameters])
     motion = model.remembering(Motion(t, q, dq, ddq, np.zeros_like(q), ("j",), np.ones(len(t), bool)))
-    tau = np.interp(t - late, t, model.torque(**motion.states(), theta=theta)[:, 0])[:, None]
+    tau = np.interp(t - delay, t, model.torque(**motion.states(), theta=theta)[:, 0])[:, None]
     tau = tau + 0.01 * tau.std() * rng.standard_normal(tau.shape)
     return Log(t, q + 1e-5 * rng.standard_normal(q.shape), tau, ("j",), f"log {seed}")
 
@@ -319,6 +321,6 @@ def presliding(seed: int, late: float = 0.004) -> Log:
 def test_friction_that_builds_up_takes_its_share_of_the_offset_back() -> None:
     """With a sign of the velocity alone it looks like 36 ms."""
     recipe = Recipe(Spline(sigma=1e-5), time_offset="estimate", terms="auto")
-    found = identify(Model((UPPER_ARM,)), {"a": presliding(4)}, {"b": presliding(5)}, recipe)
-    assert found.calibration.time_offset.seconds == pytest.approx(-0.004, abs=0.008)
-    assert found.validations[1].errors.relative_error < 1.5
+    result = identify(Model((UPPER_ARM,)), {"a": presliding(4)}, {"b": presliding(5)}, recipe)
+    assert result.calibration.time_offset.seconds == pytest.approx(-0.004, abs=0.008)
+    assert result.validations[1].errors.relative_error < 1.5

@@ -57,8 +57,8 @@ def of_part(k: int, **changes: Any) -> Change:
     return change
 
 
-def with_part(found: Identification, k: int, **changes: Any) -> Verdict:
-    return judge(of_part(k, **changes)(found))
+def with_part(identification: Identification, k: int, **changes: Any) -> Verdict:
+    return judge(of_part(k, **changes)(identification))
 
 
 def test_a_good_model_is_good_for_simulation(good: Identification) -> None:
@@ -122,10 +122,10 @@ def test_a_note_of_the_estimate_may_forbid_a_use_too(good: Identification) -> No
 def test_what_forbids_use_is_advised_first(good: Identification) -> None:
     """Only then what to record next, and a simulation last."""
     wrong = (Finding(Remark("a fault"), "slider", severity=Severity.ERROR),)
-    alone = replace(good, validations=tuple(replace(one, free_run=None) for one in good.validations))
+    alone = replace(good, validations=tuple(replace(validation, free_run=None) for validation in good.validations))
     unsure = replace(alone, errors=replace(good.errors, std=np.array([4.0, 6.0, 0.01, np.inf])))
-    for found, first in ((replace(unsure, warnings=wrong), Remedy.CORRECT), (unexcited(unsure), Remedy.EXCITE)):
-        verdict = judge(found)
+    for result, first in ((replace(unsure, warnings=wrong), Remedy.CORRECT), (unexcited(unsure), Remedy.EXCITE)):
+        verdict = judge(result)
         assert verdict.use is Use.DO_NOT_USE
         assert verdict.next[0] is first
         assert {type(step) for step in verdict.next[1:-1]} == {Sharpen}
@@ -133,11 +133,11 @@ def test_what_forbids_use_is_advised_first(good: Identification) -> None:
     assert judge(unsure).next[0] is Remedy.SIMULATE
 
 
-def unexcited(found: Identification) -> Identification:
+def unexcited(identification: Identification) -> Identification:
     """Two of the four parameters are not determined."""
-    determined = replace(found.estimate.determined, rank=2)
-    base = replace(found.base, on_data=None, structural=None)
-    return replace(found, estimate=replace(found.estimate, determined=determined), base=base)
+    determined = replace(identification.estimate.determined, rank=2)
+    base = replace(identification.base, on_data=None, structural=None)
+    return replace(identification, estimate=replace(identification.estimate, determined=determined), base=base)
 
 
 def test_a_repeat_of_the_training_motion_holds_nothing_out(good: Identification) -> None:
@@ -173,7 +173,7 @@ def test_a_fit_that_misses_its_own_data_is_not_good_by_an_easier_log(
     good: Identification, trained: float, held: float, use: Use
 ) -> None:
     both = zip(good.validations, (trained, held), strict=True)
-    verdict = judge(replace(good, validations=tuple(with_errors(one, relative_error=x) for one, x in both)))
+    verdict = judge(replace(good, validations=tuple(with_errors(entry, relative_error=x) for entry, x in both)))
     worse = [reason for reason in verdict.reasons if isinstance(reason, why.TrainedWorse)]
     assert worse == ([why.TrainedWorse(good.validations[0].name, trained, trained / held)] if held == 5.4 else [])
     assert verdict.use is use
@@ -195,13 +195,15 @@ def of_run(**changes: Any) -> Change:
     return lambda found: of_part(1, free_run=replace(found.runs[1], **changes))(found)
 
 
-def silent(found: Identification) -> Identification:
-    train = found.validations[0].motion
-    return of_part(0, signals=Signals(replace(train, tau=0 * train.tau), train.tau))(found)
+def silent(identification: Identification) -> Identification:
+    train = identification.validations[0].motion
+    return of_part(0, signals=Signals(replace(train, tau=0 * train.tau), train.tau))(identification)
 
 
-def negative(found: Identification) -> Identification:
-    return replace(found, estimate=replace(found.estimate, value=found.estimate.value * (1, -1, 1, 1)))
+def negative(identification: Identification) -> Identification:
+    return replace(
+        identification, estimate=replace(identification.estimate, value=identification.estimate.value * (1, -1, 1, 1))
+    )
 
 
 NO_RUN: Change = lambda found: of_part(0, free_run=None)(of_part(1, free_run=None)(found))  # noqa: E731
@@ -284,8 +286,8 @@ def test_zeros_that_parameters_take_up_are_unknown(good: Identification) -> None
     ]
     links = [link("base", 1.0), *(link(name, 2.0, (0.1, 0.02, 0.05)) for name in ("column", "upper", "hand"))]
     model = Model((RigidBodies(urdf(*links, *bodies)),))
-    found = replace(good, model=model, estimate=replace(good.estimate, value=np.asarray(model.values)))
-    assert tuple(unknowns(found)) == (CommonGain(), Zeros(("turn", "wrist")))
+    result = replace(good, model=model, estimate=replace(good.estimate, value=np.asarray(model.values)))
+    assert tuple(unknowns(result)) == (CommonGain(), Zeros(("turn", "wrist")))
 
 
 def test_the_lead_of_an_axis_that_acts_on_no_other_is_unknown(good: Identification) -> None:
@@ -296,5 +298,5 @@ def test_the_lead_of_an_axis_that_acts_on_no_other_is_unknown(good: Identificati
     file = RigidBodies(urdf(*(link(name, 2.0, (0.1, 0.02, 0.05)) for name in ("base", "upper", "hand")), *bodies))
     for model, taken in ((Model((file,)), ("arm",)), (Model((file, Offset(file.joints))), ("arm", "quill"))):
         values = np.append(np.asarray(Model((file,)).values), np.zeros(len(model.names) - len(file.parameters)))
-        found = replace(good, model=model, estimate=replace(good.estimate, value=values))
-        assert MotionRatios(taken) in tuple(unknowns(found)), "gravity tells the mass where no offset is beside it"
+        result = replace(good, model=model, estimate=replace(good.estimate, value=values))
+        assert MotionRatios(taken) in tuple(unknowns(result)), "gravity tells the mass where no offset is beside it"

@@ -102,7 +102,7 @@ def sections() -> dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]
     servo = {"kind": "servo", "joints": {"slider": {"command": {"column": "more", "unit": "rad"}, "kp": 9}}}
     driven = {key: value for key, value in robot.items() if key != "torque"} | {"simulation": servo}
     couplings = {"motor": {"joints": {"slider": 2.0}}}
-    found: dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]]] = {
+    result: dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]]] = {
         "": (settings.Config, (), plain),
         "time": (settings.Time, ("time",), plain),
         "position": (channels.PositionChannel, ("position", "slider"), plain),
@@ -147,14 +147,14 @@ def sections() -> dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]
             if kind == "didim":
                 start = plain | {"simulation": cascade}
             if kind == "consistent":
-                found["consistent robot"] = (section(family, family.get(kind)), (key,), robot | {key: given})
-            found[kind] = (section(family, family.get(kind)), (key,), start | {key: given})
+                result["consistent robot"] = (section(family, family.get(kind)), (key,), robot | {key: given})
+            result[kind] = (section(family, family.get(kind)), (key,), start | {key: given})
     kinds = list(TERMS.table)
     for k, kind in enumerate(kinds):  # five of them in one model
         terms = [{"kind": other} | NEEDED.get(other, {}) for other in kinds[k % 3 :: 3]]
         config = robot | {"model": {"file": "arm.urdf", "base_tilt": "none", "terms": terms}}
-        found[f"term {kind}"] = (section(TERMS, TERMS.get(kind)), ("model", "terms", k // 3), config)
-    return found
+        result[f"term {kind}"] = (section(TERMS, TERMS.get(kind)), ("model", "terms", k // 3), config)
+    return result
 
 
 def changed(config: Mapping[str, Any], place: tuple[Any, ...], name: str, value: Any) -> dict[str, Any]:
@@ -169,7 +169,7 @@ def changed(config: Mapping[str, Any], place: tuple[Any, ...], name: str, value:
 
 def trials() -> list[tuple[str, str, Any]]:
     """All trials: section, field, value."""
-    values = [*(one for number in NUMBERS for one in wrapped(number)), *OTHERS]
+    values = [*(x for number in NUMBERS for x in wrapped(number)), *OTHERS]
     return [
         (where, name, value)
         for where, (kind, _, _) in sections().items()

@@ -41,7 +41,7 @@ def followed(path):
     return run.t[rows], run.q[rows], (run.tau[rows - 1] + run.tau[rows]) / 2  # held before a sample, and after it
 
 
-def found(path, sigma, basis, rng):
+def fit_path(path, sigma, basis, rng):
     """Errors (runs, r) of the base parameters by least squares."""
     t, q, tau = followed(path)
     errors = []
@@ -55,7 +55,7 @@ def found(path, sigma, basis, rng):
 
 
 def ratios(program, duration):
-    """Errors found (runs, r) over the standard errors announced."""
+    """Errors fit_path (runs, r) over the standard errors announced."""
     module = importlib.import_module("dynident.apps.excitation.design")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "Plan", lambda starts: Plan(starts, (Stage(1.0, 12), Stage(0.1, 12))))
@@ -63,7 +63,7 @@ def ratios(program, duration):
         request = replace(REQUEST, program=program, duration=duration, rate=1 / STEP / EVERY)
         made = design(MODEL, THETA, LIMITS, OPEN, request, np.random.default_rng(0))
     told = made.expected
-    errors = found(made.trajectory, request.sigma, told.basis, np.random.default_rng(1))
+    errors = fit_path(made.trajectory, request.sigma, told.basis, np.random.default_rng(1))
     return errors / told.std
 
 

@@ -101,22 +101,22 @@ def test_no_table_takes_more_than_its_budget(tmp_path: Path, name: str) -> None:
     path = written(tmp_path, name, BOMBS[name]())
     for needed in (None, {"x"}):
         try:
-            found = read_columns(path, needed=needed)
+            table = read_columns(path, needed=needed)
         except InputError as error:
             assert len(str(error)) < 500 + len(str(path))  # noqa: PT017
         else:
             assert needed is None
-            assert not found.columns
-            assert "raise this by --memory" in found.faults["x"]
+            assert not table.columns
+            assert "raise this by --memory" in table.faults["x"]
 
 
 @pytest.mark.parametrize("name", ["claims.npz", "promises.npz", "square.npz", "rows.parquet", "claims.mat"])
 def test_a_column_that_is_not_needed_is_not_read(tmp_path: Path, name: str) -> None:
-    found = read_columns(written(tmp_path, name, BOMBS[name]()), needed={"t"})
-    assert not found.columns
-    assert any(column.startswith("x") for column in found.unread)
+    table = read_columns(written(tmp_path, name, BOMBS[name]()), needed={"t"})
+    assert not table.columns
+    assert any(column.startswith("x") for column in table.unread)
     with pytest.raises(InputError, match=r"no column 't'; choose from 'x"):
-        found.column("t")
+        table.column("t")
 
 
 def test_the_budget_is_raised_by_the_option(tmp_path: Path) -> None:
@@ -154,13 +154,13 @@ def test_hdf5(tmp_path: Path) -> None:
         data = file.create_dataset("chunk", (10,), "f8", chunks=(COUNT,), maxshape=(None,), compression="gzip")
         data.id.write_direct_chunk((0,), squeezed(*zeros(8 * COUNT)))
         groups = [file.create_group(f"g{k}") for k in range(12)]
-        for one in groups:
+        for group in groups:
             for k, other in enumerate(groups):
-                one[str(k)] = other
+                group[str(k)] = other
     tracemalloc.reset_peak()
-    found = read_columns(tmp_path / "a.h5", needed={"t"})
-    assert list(found.columns) == ["t"]
-    assert set(found.unread) == {"images", "lies", "chunk"}
+    table = read_columns(tmp_path / "a.h5", needed={"t"})
+    assert list(table.columns) == ["t"]
+    assert set(table.unread) == {"images", "lies", "chunk"}
     for name, words in (("images", "--memory"), ("chunk", "--memory"), ("lies", "holds more than the 8000 it should")):
         with pytest.raises(InputError, match=words):
             read_columns(tmp_path / "a.h5", needed={name})
@@ -173,10 +173,10 @@ def test_a_chunk_of_a_bag_holds_no_more_than_its_share(kind: str) -> None:
     from rosbags.rosbag2 import storage_mcap as mcap
 
     tables = {**mcap.DECOMPRESSORS, **ros1.decompressors}
-    whole = b"".join(zeros(8 * COUNT))
-    data = {"bz2": bz2.compress, "lz4": _lz4, "zstd": _zstd}[kind](whole)
+    full = b"".join(zeros(8 * COUNT))
+    data = {"bz2": bz2.compress, "lz4": _lz4, "zstd": _zstd}[kind](full)
     short = {"bz2": bz2.compress, "lz4": _lz4, "zstd": _zstd}[kind](b"abc")
-    del whole
+    del full
     tracemalloc.clear_traces()
     tracemalloc.reset_peak()
     with chunks_within_budget(Path("a.bag")):
@@ -274,7 +274,7 @@ def test_a_table_of_fifty_thousand_columns_is_read(tmp_path: Path, monkeypatch: 
     monkeypatch.setenv(MEMORY_VARIABLE, "1")
     names = ",".join(f"c{k}" for k in range(50_000))
     row = ",".join(["1.5"] * 49_999)
-    found: DataTable = read_columns(written(tmp_path, "a.csv", f"{names}\n{row},2\n{row},x\n"))
-    assert len(found.columns) == 49_999
-    assert list(found.faults) == ["c49999"]
+    result: DataTable = read_columns(written(tmp_path, "a.csv", f"{names}\n{row},2\n{row},x\n"))
+    assert len(result.columns) == 49_999
+    assert list(result.faults) == ["c49999"]
     tracemalloc.start()

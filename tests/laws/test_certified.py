@@ -29,10 +29,10 @@ DIGITS = {
 }
 
 
-def digits(found: Iterable[Any], certified: Sequence[str], scale: float = 1.0) -> float:
+def digits(entries: Iterable[Any], certified: Sequence[str], scale: float = 1.0) -> float:
     """Return the smallest number of correct digits (LRE), at most 15; where zero is certified, those of ``scale``."""
     smallest = mpmath.mpf(15)
-    for value, text in zip(found, certified, strict=True):
+    for value, text in zip(entries, certified, strict=True):
         true = mpmath.mpf(text)
         error = abs(mpmath.mpf(value) - true) / (abs(true) or scale)
         smallest = min(smallest, -mpmath.log10(error)) if error else smallest

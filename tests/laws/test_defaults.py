@@ -69,14 +69,14 @@ def defaults(module: ModuleType) -> Iterator[tuple[str, Any]]:
 
 def test_no_default_changes_unseen() -> None:
     lines, here = list[str](), dynident.__path__[0]
-    for found in walk_packages(dynident.__path__, "dynident."):
-        if found.name.endswith("__main__"):
+    for result in walk_packages(dynident.__path__, "dynident."):
+        if result.name.endswith("__main__"):
             continue
         try:
-            module = import_module(found.name)
+            module = import_module(result.name)
         except ImportError:  # of a package that only an extra needs
             continue
-        texts = {f"{found.name[9:]} {name} = {plain(value)}" for name, value in defaults(module)}
+        texts = {f"{result.name[9:]} {name} = {plain(value)}" for name, value in defaults(module)}
         lines += sorted(
             text for text in texts if not text.endswith((" = None", " = ''", " = ...")) and here not in text
         )

@@ -104,8 +104,8 @@ class Bold(Estimator):
     """An estimator that thinks itself a hundred times better than it is."""
 
     def __call__(self, problem: Problem) -> Estimate:
-        found = LeastSquares()(problem)
-        return replace(found, covariance=1e-4 * found.covariance)
+        result = LeastSquares()(problem)
+        return replace(result, covariance=1e-4 * result.covariance)
 
 
 def test_an_estimator_that_breaks_a_promise_is_found() -> None:

@@ -74,9 +74,9 @@ def identified(bodies, rng, scale=1.0):
     return IdentifiedModel(model, np.concatenate([physical(rng, n, scale).ravel(), rng.uniform(0, 2, 2 * n)]))
 
 
-def assert_same(found, expected):
+def assert_same(result, expected):
     scale = np.maximum(np.linalg.norm(expected, axis=0), 1e-6 * np.linalg.norm(expected))
-    assert (np.linalg.norm(found - expected, axis=0) <= CLOSE * scale).all()
+    assert (np.linalg.norm(result - expected, axis=0) <= CLOSE * scale).all()
 
 
 def friction(model, columns, dq):
@@ -92,14 +92,14 @@ def test_urdf_read_by_pinocchio(seed, count, scale):
     used = joints[: 1 + len(joints) // 2]
     locked = dict(zip(joints[len(used) :], rng.uniform(-2, 2, len(joints) - len(used)), strict=True))
     gravity = tuple(rng.normal(scale=9.81, size=3))
-    one = identified(RigidBodies(text, used, locked, gravity), rng, scale)
-    written = identified_urdf(one)
+    identification = identified(RigidBodies(text, used, locked, gravity), rng, scale)
+    written = identified_urdf(identification)
     state = states(rng, len(used), 20)
     peer = Peer(pinocchio.buildModelFromXML(written.text), used, gravity, still=locked)
-    found = peer.torque(*state) + friction(peer.model, peer.columns, state[1])
-    assert_same(found, one.model.torque(*state, one.value))
+    result = peer.torque(*state) + friction(peer.model, peer.columns, state[1])
+    assert_same(result, identification.model.torque(*state, identification.value))
     assert any("gravity" in words for words in written.left_out)
-    assert prove(written, one, state, Urdf()).proven
+    assert prove(written, identification, state, Urdf()).proven
 
 
 @few
@@ -137,9 +137,11 @@ def test_mimic_joints_several_joints_of_a_body_and_shapes_are_written(text, opti
     bodies = RigidBodies(text, **options)
     joints, count = bodies.joints, len(bodies.parameters) // 10
     model = Model((bodies, Viscous(joints), Coulomb(joints), RotorInertia(joints)), name="arm")
-    one = IdentifiedModel(model, np.concatenate([physical(rng, count).ravel(), rng.uniform(0, 2, 3 * len(joints))]))
+    identified_model = IdentifiedModel(
+        model, np.concatenate([physical(rng, count).ravel(), rng.uniform(0, 2, 3 * len(joints))])
+    )
     for exporter in (EXPORTERS.get(kind)() for kind in EXPORTERS.table):
-        made = export(one, exporter, states(rng, len(joints), 20))
+        made = export(identified_model, exporter, states(rng, len(joints), 20))
         assert made.ready, made.refusal
 
 
@@ -162,10 +164,10 @@ def test_terms_that_no_robot_file_holds_are_listed_and_model_py_has_them(text, e
     )
     model = Model((bodies, Viscous(joints), Coulomb(joints, width=widths), *beyond), name="arm")
     rest = len(model.names) - 10 * n
-    one = IdentifiedModel(model, np.concatenate([physical(rng, n).ravel(), rng.uniform(0.1, 2, rest)]))
+    identified_model = IdentifiedModel(model, np.concatenate([physical(rng, n).ravel(), rng.uniform(0.1, 2, rest)]))
     state = states(rng, n, 50)
-    assert export(one, Numpy(), state).ready
-    made = export(one, exporter, state)
+    assert export(identified_model, Numpy(), state).ready
+    made = export(identified_model, exporter, state)
     assert made.ready, made.refusal
     left = " ".join(made.written.left_out)
     names = [p.name for term in beyond for p in term.parameters if f"{p.name} = " not in left]
@@ -191,8 +193,8 @@ def random_mjcf(rng, count):
             )
             moving.append(f"J{k}")
         place = f' pos="{words(rng.normal(scale=0.3, size=3))}" quat="{words(rng.normal(size=4))}">'
-        whole = bodies[k] + place + "".join(parts + inside[k]) + "</body>"
-        (inside[rng.integers(k)] if k else roots).append(whole)
+        total = bodies[k] + place + "".join(parts + inside[k]) + "</body>"
+        (inside[rng.integers(k)] if k else roots).append(total)
     head = (
         '<mujoco><compiler angle="radian"/><default><joint damping="0.3" armature="0.2" frictionloss="0.1"/></default>'
     )
@@ -200,10 +202,10 @@ def random_mjcf(rng, count):
 
 
 def with_rotors(bodies, rng):
-    one = identified(bodies, rng)
+    identification = identified(bodies, rng)
     joints = bodies.joints
-    model = Model((*one.model.terms, RotorInertia(joints)), name="arm")
-    return IdentifiedModel(model, np.concatenate([one.value, rng.uniform(0, 1, len(joints))]))
+    model = Model((*identification.model.terms, RotorInertia(joints)), name="arm")
+    return IdentifiedModel(model, np.concatenate([identification.value, rng.uniform(0, 1, len(joints))]))
 
 
 @few
@@ -211,19 +213,19 @@ def with_rotors(bodies, rng):
 def test_rotors_go_into_links_as_far_as_the_torque_and_physics_allow(seed, count):
     rng = np.random.default_rng(seed)
     text, joints = random_robot(rng, count, massless=0.0)
-    one = with_rotors(RigidBodies(text, joints, gravity=tuple(rng.normal(scale=9.81, size=3))), rng)
-    best, state = place_values(one, armature=False), states(rng, len(joints), 20)
-    assert_same(best.model.torque(*state, best.value), one.model.torque(*state, one.value))
+    model = with_rotors(RigidBodies(text, joints, gravity=tuple(rng.normal(scale=9.81, size=3))), rng)
+    best, state = place_values(model, armature=False), states(rng, len(joints), 20)
+    assert_same(best.model.torque(*state, best.value), model.model.torque(*state, model.value))
     assert all(consistency_violations(body) == () for body in best.bodies[1])
     n = len(joints)
     assert (best.value[-n:] >= 0).all()
-    effect = structural_base_parameters(one.model).scale[-n:]
-    assert np.linalg.norm(effect * best.value[-n:]) <= np.linalg.norm(effect * one.value[-n:])
-    written = identified_urdf(one)
-    assert prove(written, one, state, Urdf()).proven
+    effect = structural_base_parameters(model.model).scale[-n:]
+    assert np.linalg.norm(effect * best.value[-n:]) <= np.linalg.norm(effect * model.value[-n:])
+    written = identified_urdf(model)
+    assert prove(written, model, state, Urdf()).proven
     lost = {line.split(" = ")[0] for line in written.left_out if line.startswith("Ia_")}
     assert lost == {
-        name for name, value in zip(one.model.names, best.value, strict=True) if name[:3] == "Ia_" and value
+        name for name, value in zip(model.model.names, best.value, strict=True) if name[:3] == "Ia_" and value
     }
 
 
@@ -235,8 +237,8 @@ def test_mjcf_read_by_mujoco(seed, count):
     text, joints = random_mjcf(rng, count)
     used = joints[: 1 + len(joints) // 2]
     locked = dict(zip(joints[len(used) :], rng.uniform(-2, 2, len(joints) - len(used)), strict=True))
-    one = with_rotors(RigidBodies(text, used, locked, tuple(rng.normal(scale=9.81, size=3))), rng)
-    proof = prove(identified_mjcf(one), one, states(rng, len(used), 20), Mjcf())
+    model = with_rotors(RigidBodies(text, used, locked, tuple(rng.normal(scale=9.81, size=3))), rng)
+    proof = prove(identified_mjcf(model), model, states(rng, len(used), 20), Mjcf())
     assert proof.readers.keys() == {"MuJoCo", "dynident"}
     assert proof.agreement <= CLOSE
 
@@ -248,18 +250,18 @@ def test_mjcf_read_by_dynident_and_pinocchio(tmp_path_factory, seed, count):
     text, joints = random_mjcf(rng, count)
     text = re.sub(r' ref="[^"]*"', "", text)  # Pinocchio gives it another meaning
     gravity = tuple(rng.normal(scale=9.81, size=3))
-    one = with_rotors(RigidBodies(text, joints, gravity=gravity), rng)
-    written = identified_mjcf(one)
+    model = with_rotors(RigidBodies(text, joints, gravity=gravity), rng)
+    written = identified_mjcf(model)
     state = states(rng, len(joints), 20)
     again = RigidBodies(written.text, joints, gravity=gravity)
     assert again.notes == ()
     theta = np.array([p.value for p in again.parameters])
-    assert_same(again.regressor(*state) @ theta, one.bodies[0].regressor(*state) @ one.bodies[1].ravel())
+    assert_same(again.regressor(*state) @ theta, model.bodies[0].regressor(*state) @ model.bodies[1].ravel())
     path = tmp_path_factory.mktemp("mjcf") / "arm.xml"
     path.write_text(written.text)
     peer = Peer(pinocchio.buildModelFromMJCF(str(path)), joints, gravity)
-    found = peer.torque(*state) + friction(peer.model, peer.columns, state[1])
-    assert_same(found, one.model.torque(*state, one.value))
+    result = peer.torque(*state) + friction(peer.model, peer.columns, state[1])
+    assert_same(result, model.model.torque(*state, model.value))
 
 
 @few
@@ -269,18 +271,25 @@ def test_numpy_module_holds_any_values(seed, count):
     rng = np.random.default_rng(seed)
     text, joints = random_robot(rng, count)
     bodies = RigidBodies(text, joints, gravity=tuple(rng.normal(scale=9.81, size=3)))
-    known = bodies.joints
-    motor = CoupledMotor(known, dict.fromkeys(joints, 2.0), "motor", offset=True, dead_band=0.3)
-    terms = (bodies, RotorInertia(known), Viscous(known), Coulomb(known, width=0.1), Offset(known), motor)
+    test_joints = bodies.joints
+    motor = CoupledMotor(test_joints, dict.fromkeys(joints, 2.0), "motor", offset=True, dead_band=0.3)
+    terms = (
+        bodies,
+        RotorInertia(test_joints),
+        Viscous(test_joints),
+        Coulomb(test_joints, width=0.1),
+        Offset(test_joints),
+        motor,
+    )
     model = Model(terms, name='a "quoted"\n name')
     theta = rng.normal(size=len(model.parameters))
     state = states(rng, len(joints), 20)
     namespace = {}
     exec(identified_module(IdentifiedModel(model, theta)).text, namespace)
-    found = namespace["inverse_dynamics"](*state)
-    assert_same(found, model.torque(*state, theta))
+    result = namespace["inverse_dynamics"](*state)
+    assert_same(result, model.torque(*state, theta))
     assert namespace["JOINTS"] == joints
-    np.testing.assert_allclose(namespace["inverse_dynamics"](*(x[0] for x in state)), found[0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(namespace["inverse_dynamics"](*(x[0] for x in state)), result[0], rtol=1e-9, atol=1e-9)
     mass = namespace["mass_matrix"](state[0])
     np.testing.assert_allclose(mass, model.mass_matrix(state[0], theta), rtol=1e-8, atol=1e-8)
     assert namespace["mass_matrix"](state[0][0]).shape == (len(joints),) * 2
@@ -307,8 +316,8 @@ DRESSED = (
 @pytest.mark.parametrize(("text", "exporter"), [(DRESSED, Urdf()), (ARM_MJCF, Mjcf())])
 def test_all_else_stays_byte_by_byte(text, exporter):
     rng = np.random.default_rng(0)
-    one = identified(RigidBodies(text), rng, scale=50.0)
-    made = export(one, exporter, states(rng, 3, 20))
+    identification = identified(RigidBodies(text), rng, scale=50.0)
+    made = export(identification, exporter, states(rng, 3, 20))
     assert made.ready
     edited = re.compile(
         r"<inertial.*?</inertial>|<dynamics[^>]*/>" if made.format == "urdf" else r"<inertial[^>]*/>|<joint name[^>]*/>"

@@ -43,7 +43,7 @@ SETTINGS: dict[str, tuple[str, ...]] = {  # a term's settings, as the law calls 
 def test_a_term_is_the_law_of_its_name(laws: ModuleType, kind: str) -> None:
     """On a motion sampled as logs are, from rest on; the law follows the path in steps of a tenth of that."""
     shape = laws.Shape()
-    known = {
+    reference = {
         "width": shape.width if kind != "power" else 0.0, "velocity": shape.stribeck, "exponent": 0.5,
         "length": shape.length, "cycles": 2 * np.pi * shape.cycles, "time": shape.slow,
     }  # fmt: skip
@@ -51,15 +51,15 @@ def test_a_term_is_the_law_of_its_name(laws: ModuleType, kind: str) -> None:
     at, load = slice(None, None, laws.DENSE), 10.0 * np.sin(2.0 * motion.q + 0.3)
     moved = laws.Moved(motion.t, motion.q[:, 0], motion.dq[:, 0], load[:, 0])
     column = laws.COLUMNS[kind](moved, shape)[at]
-    settings = {name: known[name] for name in SETTINGS[kind]}
+    settings = {name: reference[name] for name in SETTINGS[kind]}
     term = TERMS.get(kind)(joints=(Joint("one"),), **settings)
     states = motion.q[at], motion.dq[at], motion.ddq[at]
     memory = (term.remember(Past(motion.t[at], *states, load[at])),) if kind in REMEMBERED else ()
-    found = term.regressor(*states, *memory)[:, 0]
+    result = term.regressor(*states, *memory)[:, 0]
     if kind == "ripple":  # of any phase
-        found = found @ np.linalg.lstsq(found, column, rcond=None)[0][:, None]
+        result = result @ np.linalg.lstsq(result, column, rcond=None)[0][:, None]
     size = np.sqrt(np.mean(column**2))
-    assert np.sqrt(np.mean((found[:, 0] - column) ** 2)) < (2e-3 if "dahl" in kind else 1e-9) * size
+    assert np.sqrt(np.mean((result[:, 0] - column) ** 2)) < (2e-3 if "dahl" in kind else 1e-9) * size
     assert Model((term,)).memory == (memory[0].shape[1] if memory else 0)
 
 

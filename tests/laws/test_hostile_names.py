@@ -102,9 +102,9 @@ def test_no_export_runs_a_name(kind, names, is_mjcf):
     name = " ".join(names)
     bodies = RigidBodies(mjcf(names) if is_mjcf else robot(names), source=name)
     model = Model((bodies, Viscous(bodies.joints)), name=f"{name} @JOINTS@")
-    assert tuple(one.name for one in model.joints) == names
-    one = IdentifiedModel(model, np.concatenate([np.tile(BODY, len(names)), np.ones(len(names))]))
-    made = export(one, kind, random_states(len(names), np.random.default_rng(0), 5))
+    assert tuple(x.name for x in model.joints) == names
+    identified_model = IdentifiedModel(model, np.concatenate([np.tile(BODY, len(names)), np.ones(len(names))]))
+    made = export(identified_model, kind, random_states(len(names), np.random.default_rng(0), 5))
     assert made.ready, made.refusal
     if isinstance(kind, Numpy):
         namespace = {}
@@ -113,11 +113,11 @@ def test_no_export_runs_a_name(kind, names, is_mjcf):
     if isinstance(kind, IsaacLab | PinocchioFile):
         assert tuple(read_literals(made.written.text)["ARMATURE"]) == names
     if isinstance(kind, Urdf | Mjcf | Drake):
-        assert tuple(one.name for one in RigidBodies(made.written.text).joints) == names
+        assert tuple(x.name for x in RigidBodies(made.written.text).joints) == names
     if isinstance(kind, Yaml):
         read = yaml.safe_load(made.written.text)
-        assert ([one["name"] for one in read["joints"]], read["model"]) == (list(names), model.name)
-        assert [one["name"] for one in read["parameters"]] == list(model.names)
+        assert ([x["name"] for x in read["joints"]], read["model"]) == (list(names), model.name)
+        assert [x["name"] for x in read["parameters"]] == list(model.names)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -125,12 +125,12 @@ def test_names_and_units_of_parameters(name):
     """Also where there is no robot file: parameters named, and with units and meanings, as the user's term has them."""
     joints = (Joint("b'+'"), Joint(name + " "), Joint("@JOINTS@ @ROWS@"))
     term = Viscous(joints, names=tuple(f"{name}{k}" for k in range(3)))
-    one = IdentifiedModel(Model((term,), name=name), np.ones(3))
+    identified_model = IdentifiedModel(Model((term,), name=name), np.ones(3))
     states = random_states(3, np.random.default_rng(0), 5)
     for kind in (Numpy(), Yaml()):
-        assert export(one, kind, states).ready
-    assert one.model.names == tuple(
-        row["name"] for row in yaml.safe_load(export(one, Yaml(), states).written.text)["parameters"]
+        assert export(identified_model, kind, states).ready
+    assert identified_model.model.names == tuple(
+        row["name"] for row in yaml.safe_load(export(identified_model, Yaml(), states).written.text)["parameters"]
     )
 
 
@@ -243,7 +243,7 @@ def test_every_command_only_shows_names(tmp_path):
         text = (wrong / name).read_text()
         assert not ACTS.search(text.replace("\n", "")), name
         json.loads(text)
-    assert tuple(one["name"] for one in yaml.safe_load((wrong / "out/parameters.yaml").read_text())["joints"]) == JOINTS
+    assert tuple(x["name"] for x in yaml.safe_load((wrong / "out/parameters.yaml").read_text())["joints"]) == JOINTS
     drafted = yaml.safe_load((wrong / f"init {ODD}.yaml").read_text())
     assert drafted["model"]["file"] == f"{ODD}.urdf"
 
@@ -272,7 +272,7 @@ def test_a_fleet_only_shows_names(tmp_path):
     assert (plain.exit_code, wrong.exit_code) == (0, 0), (plain.output, wrong.output)
     assert not ACTS.search(wrong.output)
     assert not re.search(r"^\s*Verdict: Good\b", wrong.output, re.M), wrong.output
-    mine, usual = (Tags((tmp_path / one / "out" / "report.html").read_text()) for one in ("wrong", "plain"))
+    mine, usual = (Tags((tmp_path / x / "out" / "report.html").read_text()) for x in ("wrong", "plain"))
     assert mine.tags == usual.tags
     assert mine.running == usual.running
     reports = [link for link in mine.links if not link.startswith("#")]

@@ -99,7 +99,7 @@ def place(identified: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def files(folder: Path) -> dict[str, bytes]:
-    return {str(one.relative_to(folder)): one.read_bytes() for one in sorted(folder.rglob("*")) if one.is_file()}
+    return {str(x.relative_to(folder)): x.read_bytes() for x in sorted(folder.rglob("*")) if x.is_file()}
 
 
 @pytest.mark.parametrize(
@@ -108,16 +108,16 @@ def files(folder: Path) -> dict[str, bytes]:
 )
 def test_no_command_replaces_an_input_under_another_name(place: Path, command: str, link: str) -> None:
     words, name, inputs = COMMANDS[command]
-    for one in inputs:
+    for test_input in inputs:
         new = place / "new"
         new.mkdir()
-        LINKS[link](place / one, new / name)
+        LINKS[link](place / test_input, new / name)
         before = files(place)
         done = run(*words.format(new / name, folder=new).split())
-        assert done.exit_code == 1, (one, done.output)
-        assert "would be replaced" in done.output, (one, done.output)
+        assert done.exit_code == 1, (test_input, done.output)
+        assert "would be replaced" in done.output, (test_input, done.output)
         assert f"new/{name}" in done.output, done.output
-        assert one.rpartition("/")[2] in done.output, done.output
+        assert test_input.rpartition("/")[2] in done.output, done.output
         assert files(place) == before
         shutil.rmtree(new)
 
@@ -126,10 +126,10 @@ def test_no_command_replaces_an_input_under_another_name(place: Path, command: s
 @pytest.mark.parametrize("command", [name for name, (words, *_) in COMMANDS.items() if "{}" in words])
 def test_no_command_replaces_an_input_however_it_is_spelt(place: Path, command: str, spelt: str) -> None:
     words, _, inputs = COMMANDS[command]
-    for one in inputs:
+    for test_input in inputs:
         before = files(place)
-        done = run(*words.format(spelt.format(one)).split())
-        assert done.exit_code == 1, (one, done.output)
+        done = run(*words.format(spelt.format(test_input)).split())
+        assert done.exit_code == 1, (test_input, done.output)
         assert files(place) == before
         assert not (place / "nowhere").exists()
 
@@ -156,15 +156,15 @@ def test_what_was_not_read_is_replaced(place: Path) -> None:
 
 
 def test_a_result_is_not_saved_over_what_it_was_made_from(place: Path) -> None:
-    found = dy.load("out/result.json", allow_code=True)
+    result = dy.load("out/result.json", allow_code=True)
     before = files(place)
     os.link("log.csv", "link.json")
     for name in ("identify.yaml", "rail.urdf", "out/../log.csv", "link.json"):
         with pytest.raises(ConfigError, match="would be replaced"):
-            found.save(name)
+            result.save(name)
     os.unlink("link.json")
     assert files(place) == before
-    found.save("out/result.json")
+    result.save("out/result.json")
 
 
 def test_what_a_configuration_names_is_an_input_before_it_is_opened(place: Path) -> None:

@@ -34,7 +34,7 @@ def moments():
 
 
 def csv_with_dates(path, q, tau):
-    rows = {"stamp": [one.isoformat(" ").replace("+00:00", "Z") for one in moments()]}
+    rows = {"stamp": [moment.isoformat(" ").replace("+00:00", "Z") for moment in moments()]}
     rows |= {f"q{k + 1}": q[:, k] for k in range(2)} | {f"tau{k + 1}": tau[:, k] for k in range(2)}
     pl.DataFrame(rows).write_csv(path)
 
@@ -52,7 +52,7 @@ def parquet_with_lists(path, q, tau):
 
 
 def parquet_with_structs(path, q, tau):
-    arms = [{"position": one.tolist(), "effort": other.tolist()} for one, other in zip(q, tau, strict=True)]
+    arms = [{"position": x.tolist(), "effort": other.tolist()} for x, other in zip(q, tau, strict=True)]
     pl.DataFrame({"time": pl.Series([dt.timedelta(seconds=t) for t in T]), "arm": arms}).write_parquet(path)
 
 
@@ -118,7 +118,7 @@ def test_a_log_is_identified_as_drafted(tmp_path: Path):
     run("check", drafted)
     run("identify", drafted, "--out", out)
     result = json.loads((out / "result.json").read_text())
-    held_out = next(one for one in result["validations"] if one["role"] == "validation")
+    held_out = next(x for x in result["validations"] if x["role"] == "validation")
     _, tau = recorded(1.3)
     assert held_out["errors"]["relative_error"] < 1.2 * 100 * NOISE * np.sqrt(tau.size) / np.linalg.norm(tau)
     run("export", out / "result.json", "--format", "urdf", "--out", tmp_path / "identified.urdf")

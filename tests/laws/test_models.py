@@ -163,14 +163,14 @@ def test_regressor_gives_the_euler_lagrange_torque(arm):
     }
     lagrangian = (arm.kinetic - arm.potential).subs(numbers)
     q, dq, ddq = sample_states(len(arm.q), seed=7, samples=2)
-    found = arm.regressor(q, dq, ddq) @ values(arm)
+    result = arm.regressor(q, dq, ddq) @ values(arm)
     for row in range(2):
         path = {s: q[row, k] + dq[row, k] * t + ddq[row, k] * t**2 / 2 for k, s in enumerate(arm.q)}
         path |= {s: dq[row, k] + ddq[row, k] * t for k, s in enumerate(arm.dq)}
         for i, (position, rate) in enumerate(zip(arm.q, arm.dq, strict=True)):
             momentum = sp.diff(lagrangian, rate).subs(path)
             torque = sp.diff(momentum, t).subs(t, 0) - sp.diff(lagrangian, position).subs(path).subs(t, 0)
-            assert float(torque) == pytest.approx(found[row, i], rel=1e-11, abs=1e-12)
+            assert float(torque) == pytest.approx(result[row, i], rel=1e-11, abs=1e-12)
 
 
 @every_arm

@@ -31,8 +31,10 @@ def random_arm(rng):
     text, moving = random_robot(rng, int(rng.integers(1, 6)))
     bodies = RigidBodies(text, source="random.urdf", joints_used=moving)
     model = Model((bodies, Viscous(bodies.joints), Coulomb(bodies.joints)), name="random.urdf")
-    limits = motion_limits(model, {one.name: JointLimits(velocity=float(rng.uniform(0.2, 5))) for one in bodies.joints})
-    values = [one.value for one in bodies.parameters]
+    limits = motion_limits(
+        model, {joint.name: JointLimits(velocity=float(rng.uniform(0.2, 5))) for joint in bodies.joints}
+    )
+    values = [parameter.value for parameter in bodies.parameters]
     theta = np.concatenate([values, 0.5 / limits.velocity, np.full(len(limits.joints), 0.5)])
     q = rng.uniform(limits.lower, limits.upper, (200, len(limits.joints)))
     dq, ddq = (size * rng.uniform(-1, 1, q.shape) for size in limits.sizes[1:3])
@@ -67,8 +69,8 @@ def test_what_is_made_passes_the_last_check(kind, seed):
     for times, rate in ((1.0, 1 / STEP), (1.0, 3 / STEP), (4.0, 0.25 / STEP)):
         check_interpolant(*sample_trajectory(slow_down(trajectory, times), rate), limits)
     slow = min_fit_speeds(feasible.model, limits)
-    for one in pieces:
-        if one.purpose in (Purpose.FRICTION, Purpose.POSE):
-            t = np.linspace(0.0, one.course.duration, 999)
-            moving = np.abs(one.course.states(t)[1]).max(axis=0)
+    for piece in pieces:
+        if piece.purpose in (Purpose.FRICTION, Purpose.POSE):
+            t = np.linspace(0.0, piece.course.duration, 999)
+            moving = np.abs(piece.course.states(t)[1]).max(axis=0)
             assert (moving[moving > 0] > slow[moving > 0]).all()  # a fit takes what is shown

@@ -102,21 +102,21 @@ def test_names_units_and_order_do_not_matter(folder: Path, kind: str) -> None:
     result = fitted(folder, kind)
     (errors,) = errors_by_log(result, "validation").values()
     assert errors["relative_error"] < 3
-    found = {one["name"]: one["value"] for one in result["parameters"]}
+    actual = {x["name"]: x["value"] for x in result["parameters"]}
     true = {"Fv_shoulder": 1.0, "Fv_elbow": 0.5, "Fc_shoulder": 0.8, "Fc_elbow": 0.4}
     for name, value in true.items():
-        assert found[name] == pytest.approx(value, abs=0.03), name
+        assert actual[name] == pytest.approx(value, abs=0.03), name
 
 
 def test_consistent_parameters_are_physical_and_near_the_truth_in_what_acts(folder: Path) -> None:
     result = fitted(folder, "consistent")
-    found = {one["name"]: one["value"] for one in result["parameters"]}
-    assert found["upper.mass"] > 0
-    assert found["fore.mass"] > 0
+    actual = {x["name"]: x["value"] for x in result["parameters"]}
+    assert actual["upper.mass"] > 0
+    assert actual["fore.mass"] > 0
     arm, theta = truth()
     rng = np.random.default_rng(1)
     q, dq, ddq = rng.uniform(-1, 1, (3, 200, 2))
-    value = np.array([found[name] for name in arm.names])
+    value = np.array([actual[name] for name in arm.names])
     error = arm.torque(q, dq, ddq, value) - arm.torque(q, dq, ddq, theta)
     assert np.linalg.norm(error) < 0.02 * np.linalg.norm(arm.torque(q, dq, ddq, theta))
 
@@ -144,15 +144,15 @@ def test_motor_angles_through_a_transmission(folder: Path) -> None:
         train=[{"file": "motor-monday.csv"}],
         validation=[{"file": "motor-tuesday.csv"}],
     )  # fmt: skip
-    for one, other in zip(plain["parameters"], motors["parameters"], strict=True):
-        assert other["value"] == pytest.approx(one["value"], rel=1e-4, abs=1e-5), one["name"]
+    for first, second in zip(plain["parameters"], motors["parameters"], strict=True):
+        assert second["value"] == pytest.approx(first["value"], rel=1e-4, abs=1e-5), first["name"]
 
 
 def test_slow_samples_can_be_left_out(folder: Path) -> None:
     named = {"file": "arm.urdf", "terms": ["rotor", "viscous", "coulomb", "offset"]}
     everything = identify(folder, model=named, filter={"decimate": 5})
     faster = identify(folder, model=named, filter={"decimate": 5}, min_speed={"elbow": 0.3})
-    (a,), (b,) = (errors_by_log(one, "train").values() for one in (everything, faster))
+    (a,), (b,) = (errors_by_log(x, "train").values() for x in (everything, faster))
     assert b["relative_error_filtered"] < a["relative_error_filtered"]
     assert b["relative_error"] == pytest.approx(a["relative_error"], rel=0.2)
 

@@ -74,13 +74,13 @@ def digits(numbers: list[float], before: list[float]) -> float:
     return 16.0 if worst == 0 else -np.log10(worst)
 
 
-def check_numbers(name: str, found: Mapping[str, list[float]]) -> None:
+def check_numbers(name: str, result: Mapping[str, list[float]]) -> None:
     """Compare numbers with those that are kept."""
     written = json.loads(NUMBERS.read_text())
     least = 12 if written["machine"] == machine() else 4
-    assert found.keys() == written[name].keys()
+    assert result.keys() == written[name].keys()
     for part, before in written[name].items():
-        assert digits(found[part], before) >= least, f"{part} of {name}"
+        assert digits(result[part], before) >= least, f"{part} of {name}"
 
 
 def test_the_numbers_stay() -> None:

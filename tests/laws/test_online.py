@@ -47,7 +47,11 @@ def recorded(*, jitter: float = 0.0) -> Log:
     wave = 0.4 * np.exp(1j * (t[:, None, None] * rate + phase))
     q, dq, ddq = ((wave * (1j * rate) ** order).imag.sum(axis=1) for order in range(3))
     arm = model()
-    theta = np.where([one.body != "" for one in arm.parameters], [one.value or 0.0 for one in arm.parameters], 0.5)
+    theta = np.where(
+        [parameter.body != "" for parameter in arm.parameters],
+        [parameter.value or 0.0 for parameter in arm.parameters],
+        0.5,
+    )
     tau = arm.torque(q, dq, ddq, theta) + 0.05 * rng.standard_normal(q.shape)
     return Log(t, q + SIGMA * rng.standard_normal(q.shape), tau, tuple(joint.name for joint in arm.joints))
 
@@ -80,14 +84,14 @@ def test_the_end_is_the_offline_fit(name: str, jitter: float) -> None:
         part = slice(start, start + 70)
         blocks += tracker.push(log.t[part], log.q[part], log.tau[part])
     blocks += tracker.finish()
-    found = tracker.estimate()
-    every = [one for block in blocks for one in block.entries]
-    assert sum(one.tau.size if one.keep is None else one.keep.sum() for one in every) == tracker.fit.rows
-    assert found.determined.rank == expected.determined.rank
-    rank, least = found.determined.directions, 1e-3 if jitter and "filter" in RECIPES[name] else 1e-9
-    seen = rank.vectors[:, : rank.rank].T @ (rank.scale * (found.value - expected.value))
+    actual = tracker.estimate()
+    every = [entry for block in blocks for entry in block.entries]
+    assert sum(x.tau.size if x.keep is None else x.keep.sum() for x in every) == tracker.fit.rows
+    assert actual.determined.rank == expected.determined.rank
+    rank, least = actual.determined.directions, 1e-3 if jitter and "filter" in RECIPES[name] else 1e-9
+    seen = rank.vectors[:, : rank.rank].T @ (rank.scale * (actual.value - expected.value))
     np.testing.assert_allclose(seen, 0.0, atol=least * np.abs(rank.scale * expected.value).max())
-    np.testing.assert_allclose(found.std, expected.std, rtol=least)
+    np.testing.assert_allclose(actual.std, expected.std, rtol=least)
 
 
 def test_the_consistent_projection_is_the_offline_one() -> None:

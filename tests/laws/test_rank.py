@@ -134,24 +134,24 @@ def test_the_elbow_of_a_planar_arm_may_be_printed_with_any_digits(angle: str, es
     """The other angle is none that a printed one could stand for: 2.7e-6 rad away from pi."""
     text = arm("2R").replace(f'rpy="{HALF!r} 0.0 0.0"', f'rpy="{angle} 0 0"')
     assert angle in text
-    found = fitted(driven(text), estimator)
+    fit = fitted(driven(text), estimator)
     rank = exact("2R")
-    assert found.base.on_data is not None
-    assert found.base.structural is not None
-    assert (found.estimate.determined.rank, found.base.on_data.rank, found.base.structural.rank) == (rank, rank, rank)
-    assert len(found.base.on_data.independent) == rank
-    said = [(note.rank, note.parameters) for note in found.estimate.notes if isinstance(note, RankDeficient)]
-    assert said == [(rank, len(found.model.names))]
-    assert np.abs(found.estimate.value).max() < 10
-    assert found.base.unexcited == ()
-    assert found.validations[0].errors.relative_error < 7
+    assert fit.base.on_data is not None
+    assert fit.base.structural is not None
+    assert (fit.estimate.determined.rank, fit.base.on_data.rank, fit.base.structural.rank) == (rank, rank, rank)
+    assert len(fit.base.on_data.independent) == rank
+    said = [(note.rank, note.parameters) for note in fit.estimate.notes if isinstance(note, RankDeficient)]
+    assert said == [(rank, len(fit.model.names))]
+    assert np.abs(fit.estimate.value).max() < 10
+    assert fit.base.unexcited == ()
+    assert fit.validations[0].errors.relative_error < 7
 
 
 def test_the_bound_has_as_many_parameters() -> None:
     model = driven(arm("2R", 5))
-    found = accuracy_bound(model, [recorded(moved(model, np.arange(1000) * 0.005), 0)])
-    assert len(found.names) == exact("2R")
-    assert np.isfinite(found.std["now"]).all()
+    bound = accuracy_bound(model, [recorded(moved(model, np.arange(1000) * 0.005), 0)])
+    assert len(bound.names) == exact("2R")
+    assert np.isfinite(bound.std["now"]).all()
 
 
 @pytest.mark.parametrize("kind", ARMS)
@@ -172,9 +172,7 @@ def test_files_with_rounded_angles_have_the_rank_of_the_exact_file(kind: str, di
     motion = moved(model, np.arange(1500) * 0.01)
     regression = Regression(model, (motion,))
     on_data = base_parameters(regression.triangular_factors.stack(), model.parameters)
-    estimates = [
-        one(Problem(model, (motion,), regression)) for one in (LeastSquares(), PhysicallyConsistent(costs=False))
-    ]
+    estimates = [x(Problem(model, (motion,), regression)) for x in (LeastSquares(), PhysicallyConsistent(costs=False))]
     ranks = {
         structural_base_parameters(model).rank,
         on_data.rank,
@@ -227,13 +225,13 @@ def test_a_finger_on_a_palletiser_takes_no_rank_from_it() -> None:
     structural = structural_base_parameters(model)
     assert structural.rank == structural_base_parameters(model, tolerance=1e-12).rank
     for estimator in (LeastSquares(), LeastSquares(weights="per_joint"), PhysicallyConsistent(costs=False)):
-        found = estimator(Problem(model, (motion,), regression))
-        assert found.determined.rank == structural.rank
-        assert found.determined.directions is not None
-        basis = base_parameters(found.determined.directions, model.parameters)
-        std = base_std(basis, regression.triangular_factors, found.residual.sigma, found.residual.weights)
-        free = found.consistency.unconstrained if found.consistency else None
-        theta = found.value if free is None else free
+        estimate = estimator(Problem(model, (motion,), regression))
+        assert estimate.determined.rank == structural.rank
+        assert estimate.determined.directions is not None
+        basis = base_parameters(estimate.determined.directions, model.parameters)
+        std = base_std(basis, regression.triangular_factors, estimate.residual.sigma, estimate.residual.weights)
+        free = estimate.consistency.unconstrained if estimate.consistency else None
+        theta = estimate.value if free is None else free
         error = np.abs(basis.to_base(theta) - basis.to_base(weightless)) / std
         assert error.max() < 4
         assert (error < 1.96).mean() > 0.85
@@ -269,8 +267,8 @@ def test_angles_of_an_mjcf_too() -> None:
     <inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.02 0.02"/><joint name="three"/></body></body></body>
     </worldbody></mujoco>"""
     rounded, exact = RigidBodies(xml), RigidBodies(xml.replace("3.1416", repr(HALF)).replace("1.571", repr(RIGHT)))
-    for one, other in zip(rounded.arm.bodies, exact.arm.bodies, strict=True):
-        np.testing.assert_array_equal(one.placement, other.placement)
+    for first, second in zip(rounded.arm.bodies, exact.arm.bodies, strict=True):
+        np.testing.assert_array_equal(first.placement, second.placement)
     assert any("3.1416 of 'b'" in note and "1.571 of 'c'" in note for note in rounded.notes)
     model = Model((rounded,))
     assert model.values is not None
@@ -289,13 +287,13 @@ def test_intervals_of_the_consistent_fit_hold_on_an_arm_without_a_spherical_wris
     recipe = Recipe(estimator=PhysicallyConsistent(costs=False), outliers="keep")
     inside, total, worst = 0, 0, 0.0
     for seed in range(4):
-        found = identify(model, [recorded(motion, seed)], recipe=recipe)
-        basis, std = found.base.on_data, found.errors.base_std
+        result = identify(model, [recorded(motion, seed)], recipe=recipe)
+        basis, std = result.base.on_data, result.errors.base_std
         assert basis is not None
-        assert found.base.structural is not None
+        assert result.base.structural is not None
         assert std is not None
-        assert (found.estimate.determined.rank, basis.rank, found.base.structural.rank) == (exact("bent"),) * 3
-        error = np.abs(basis.to_base(found.estimate.value) - basis.to_base(true.values)) / std
+        assert (result.estimate.determined.rank, basis.rank, result.base.structural.rank) == (exact("bent"),) * 3
+        error = np.abs(basis.to_base(result.estimate.value) - basis.to_base(true.values)) / std
         inside, total, worst = inside + int((error < 1.96).sum()), total + len(error), max(worst, error.max())
     assert worst < 4.5
     # the errors of one recording are correlated, so that they count as a third of their number
@@ -319,8 +317,8 @@ def test_intervals_hold_where_the_true_bodies_break_physics_and_a_note_says_what
 
     recipe = Recipe(Exact(), PhysicallyConsistent(costs=False), outliers="keep")
     for seed in range(2):
-        found = identify(model, [recorded(motion, seed, 0.0, share=0.004)], recipe=recipe)
-        basis, estimate, errors = found.base.on_data, found.estimate, found.errors
+        result = identify(model, [recorded(motion, seed, 0.0, share=0.004)], recipe=recipe)
+        basis, estimate, errors = result.base.on_data, result.estimate, result.errors
         assert basis is not None
         assert errors.base_std_independent is not None
         assert errors.base_std is not None
@@ -334,7 +332,7 @@ def test_intervals_hold_where_the_true_bodies_break_physics_and_a_note_says_what
         for std in (errors.base_std_independent, errors.base_std):
             assert (error / std).max() < 4
             assert (error < 1.96 * std).mean() > 0.85
-        (note,) = (note for note in found.warnings if isinstance(note, HeldByConstraints))
+        (note,) = (note for note in result.warnings if isinstance(note, HeldByConstraints))
         place = {name: k for k, name in enumerate(basis.groupings)}
         assert place[note.moved[0][0]] == np.argmax(held / least_squares)
         assert all(held[place[name]] > 2.5 * least_squares[place[name]] for name, _ in note.moved)
@@ -342,7 +340,7 @@ def test_intervals_hold_where_the_true_bodies_break_physics_and_a_note_says_what
 
 def test_nothing_is_held_where_the_true_bodies_are_physical() -> None:
     true = driven(arm("2R"))
-    found = identify(
+    result = identify(
         true, [recorded(moved(true, np.arange(2000) * 0.005), 0)], recipe=Recipe(estimator=PhysicallyConsistent())
     )
-    assert not [note for note in found.estimate.notes if isinstance(note, HeldByConstraints)]
+    assert not [note for note in result.estimate.notes if isinstance(note, HeldByConstraints)]

@@ -57,7 +57,7 @@ def level(*more: str) -> str:
 def short(example: str) -> str:
     """Two seconds of the recording and nothing to choose, with the base as level: for what depends on neither."""
     settings = yaml.safe_load((ROOT / "examples" / f"{example}.yaml").read_text())
-    train = [one | {"window": [0, 2]} for one in settings["train"]]
+    train = [x | {"window": [0, 2]} for x in settings["train"]]
     estimator = {"kind": "consistent", "strength": 0.0}
     model = settings["model"] | {"base_tilt": "none"}
     changes = {"model": model, "estimator": estimator, "train": train, "validation": [], "time_offset": 0.0, **UNCHOSEN}
@@ -65,15 +65,17 @@ def short(example: str) -> str:
 
 
 def errors(result: dict[str, Any], role: str, kind: str = "relative_error") -> list[float]:
-    return [one[kind] for one in errors_by_log(result, role).values()]
+    return [value[kind] for value in errors_by_log(result, role).values()]
 
 
-def held_out(found: Identification, kind: str = "relative_error") -> float:
-    return max(getattr(one.errors, kind) for one in found.validations if one.role == "validation")
+def held_out(identification: Identification, kind: str = "relative_error") -> float:
+    return max(
+        getattr(validation.errors, kind) for validation in identification.validations if validation.role == "validation"
+    )
 
 
-def values(found: Identification) -> dict[str, float]:
-    return dict(zip(found.estimate.names, found.estimate.value, strict=True))
+def values(identification: Identification) -> dict[str, float]:
+    return dict(zip(identification.estimate.names, identification.estimate.value, strict=True))
 
 
 @pytest.mark.parametrize("example", ROBOTS)
@@ -91,10 +93,10 @@ def test_lwr4(folder: Path) -> None:
 
 def test_lwr4_consistent(folder: Path) -> None:
     """With possible bodies and non-negative friction: at most 2.25 % held out; 2.5 % with rotors on a level base."""
-    found = fitted(folder, "lwr4", f"{CONSISTENT}\n{PUNCTUAL}")
-    assert held_out(found) <= 2.25
+    test_fit = fitted(folder, "lwr4", f"{CONSISTENT}\n{PUNCTUAL}")
+    assert held_out(test_fit) <= 2.25
     assert held_out(fitted(folder, "lwr4", f"{CONSISTENT}\n{level('rotor')}")) <= 2.5
-    masses = [value for name, value in values(found).items() if name.endswith(".mass")]
+    masses = [value for name, value in values(test_fit).items() if name.endswith(".mass")]
     assert len(masses) == 7
     assert min(masses) > 0
 
@@ -103,10 +105,10 @@ def test_lwr4_consistent(folder: Path) -> None:
 def test_the_model_is_written_and_proven(folder: Path, example: str) -> None:
     """The URDF, read by Pinocchio, and the NumPy module give the identified torque on the logs."""
     made = exports(fitted(folder, example, f"{CONSISTENT}\n{PUNCTUAL}" if example == "lwr4" else short(example)))
-    assert [one.format for one in made] == ["urdf", "yaml", "numpy"]
-    for one in made:
-        assert one.ready, one.refusal
-        assert one.proof.agreement <= 1e-8
+    assert [x.format for x in made] == ["urdf", "yaml", "numpy"]
+    for case in made:
+        assert case.ready, case.refusal
+        assert case.proof.agreement <= 1e-8
     assert "Pinocchio" in made[0].proof.readers
 
 
@@ -120,14 +122,14 @@ def test_panda_held_out_as_published(folder: Path) -> None:
     settings = yaml.safe_load((ROOT / "examples" / "panda.yaml").read_text())
     settings["train"][0]["window"], settings["validation"][0]["window"] = [0, 14.7], [14.7, None]
     logs = yaml.safe_dump({role: settings[role] for role in ("train", "validation")})
-    found = fitted(folder, "panda", f"estimator: {{kind: least_squares}}\n{PUNCTUAL}\n{logs}")
-    assert held_out(found) <= 2.9
-    assert {Repeats, MassMatrixNotPositive} <= {type(one) for one in judge(found).reasons}
+    test_fit = fitted(folder, "panda", f"estimator: {{kind: least_squares}}\n{PUNCTUAL}\n{logs}")
+    assert held_out(test_fit) <= 2.9
+    assert {Repeats, MassMatrixNotPositive} <= {type(reason) for reason in judge(test_fit).reasons}
 
 
 def test_double_pendulum(folder: Path) -> None:
     result = identify(folder, "double_pendulum")
-    (joints,) = (one["per_joint"] for one in errors_by_log(result, "validation").values())
+    (joints,) = (value["per_joint"] for value in errors_by_log(result, "validation").values())
     assert joints["Joint1"] <= 8.0
     assert joints["Joint2"] <= 20.0
     assert max(errors(result, "validation", "relative_error_filtered")) <= 7.5
@@ -136,19 +138,19 @@ def test_double_pendulum(folder: Path) -> None:
 def test_tx40(folder: Path) -> None:
     result = identify(folder, "tx40")
     assert max(errors(result, "validation", "relative_error_filtered")) <= 7.9
-    found = {one["name"]: one["value"] for one in result["parameters"]}
+    actual = {x["name"]: x["value"] for x in result["parameters"]}
     for joint, published in zip(range(1, 7), (8.05, 5.53, 1.97, 1.11, 1.86, 0.65), strict=True):
-        wrist = found["Fv_m6"] if joint > 4 else 0.0  # published is the diagonal, which the wrist's motor adds to
-        assert found[f"Fv_joint_{joint}"] + wrist == pytest.approx(published, rel=0.1), joint
+        wrist = actual["Fv_m6"] if joint > 4 else 0.0  # published is the diagonal, which the wrist's motor adds to
+        assert actual[f"Fv_joint_{joint}"] + wrist == pytest.approx(published, rel=0.1), joint
 
 
 def test_emps(folder: Path) -> None:
     """The first real log: published M 95.11 kg, Fv 203.5, Fc 20.39; 4.083 % and, on the pulses, 5.982 %."""
     result = identify(folder, "emps")
-    found = {one["name"]: one["value"] for one in result["parameters"]}
-    assert found["M"] == pytest.approx(95.11, rel=0.005)
-    assert found["Fv"] == pytest.approx(203.5, rel=0.015)
-    assert found["Fc"] == pytest.approx(20.39, rel=0.015)
+    actual = {x["name"]: x["value"] for x in result["parameters"]}
+    assert actual["M"] == pytest.approx(95.11, rel=0.005)
+    assert actual["Fv"] == pytest.approx(203.5, rel=0.015)
+    assert actual["Fc"] == pytest.approx(20.39, rel=0.015)
     train, pulses = errors_by_log(result, "train")["DATA_EMPS"], errors_by_log(result, "validation")["pulses"]
     assert train["relative_error_filtered"] <= 4.15
     assert pulses["relative_error_filtered"] <= 6.0
@@ -158,31 +160,31 @@ def test_emps(folder: Path) -> None:
 
 def test_emps_with_its_time_offset(folder: Path) -> None:
     """The drive's 0.35 ms, found on the training log, take a fifth off the error on the pulses."""
-    plain, late = identify(folder, "emps"), fitted(folder, "emps", f"time_offset: estimate\n{UNSIMULATED}")
-    assert held_out(late) < 0.85 * errors(plain, "validation")[0]
-    assert held_out(late, "relative_error_filtered") <= 4.9
+    plain, test_fit = identify(folder, "emps"), fitted(folder, "emps", f"time_offset: estimate\n{UNSIMULATED}")
+    assert held_out(test_fit) < 0.85 * errors(plain, "validation")[0]
+    assert held_out(test_fit, "relative_error_filtered") <= 4.9
 
 
 def test_emps_by_maximum_likelihood(folder: Path) -> None:
     """As good as least squares and no better: the model's friction limits, not noise, and the status says so."""
-    found = fitted(folder, "emps", f"estimator: {{kind: maximum_likelihood}}\n{UNSIMULATED}")
+    test_fit = fitted(folder, "emps", f"estimator: {{kind: maximum_likelihood}}\n{UNSIMULATED}")
     for name, usual, near in (("M", 95.0, 0.2), ("Fv", 204.1, 1.0), ("Fc", 20.34, 0.1), ("offset", -3.18, 0.05)):
-        assert values(found)[name] == pytest.approx(usual, abs=near), name
-    assert held_out(found, "relative_error_filtered") <= 5.99
-    assert any(isinstance(note, NotWhite) for note in found.estimate.notes)
+        assert values(test_fit)[name] == pytest.approx(usual, abs=near), name
+    assert held_out(test_fit, "relative_error_filtered") <= 5.99
+    assert any(isinstance(note, NotWhite) for note in test_fit.estimate.notes)
 
 
 def test_emps_bound_is_what_least_squares_reaches(folder: Path) -> None:
     """All but nothing of the variance is due to positions, so that least squares on all samples is at the bound."""
     plain = f"filter: null\n{UNSIMULATED}"
-    found = fitted(folder, "emps", plain)
-    reached = dict(zip(found.estimate.names, found.errors.std_independent, strict=True))
+    test_fit = fitted(folder, "emps", plain)
+    reached = dict(zip(test_fit.estimate.names, test_fit.errors.std_independent, strict=True))
     file = folder / "bound.json"
     done = CliRunner().invoke(main, ["bound", str(configured(folder, "emps", plain)), "--json", str(file)])
     assert done.exit_code == 0, done.output
-    for one in json.loads(file.read_text())["parameters"]:
-        assert one["position_share"] < 0.01
-        assert one["std"]["now"] == pytest.approx(reached[one["name"]], rel=0.05), one["name"]
+    for case in json.loads(file.read_text())["parameters"]:
+        assert case["position_share"] < 0.01
+        assert case["std"]["now"] == pytest.approx(reached[case["name"]], rel=0.05), case["name"]
 
 
 def test_emps_simulated_in_its_loop(folder: Path) -> None:
@@ -195,10 +197,10 @@ def test_emps_simulated_in_its_loop(folder: Path) -> None:
 
 
 def test_emps_standard_errors_are_published_ones_and_larger_where_residuals_correlate(folder: Path) -> None:
-    found = {one["name"]: one for one in identify(folder, "emps")["parameters"]}
+    result = {x["name"]: x for x in identify(folder, "emps")["parameters"]}
     for name, published in {"M": 0.1085, "Fv": 1.146, "Fc": 0.1012, "offset": 0.0444}.items():
-        assert found[name]["std_independent"] == pytest.approx(published, rel=0.1)
-        assert found[name]["std"] > 1.5 * found[name]["std_independent"]
+        assert result[name]["std_independent"] == pytest.approx(published, rel=0.1)
+        assert result[name]["std"] > 1.5 * result[name]["std_independent"]
 
 
 @pytest.mark.parametrize("example", ["lwr4", "panda", "tx40", "double_pendulum"])
@@ -214,7 +216,7 @@ def test_verdicts_are_no_better_than_their_reasons(folder: Path, example: str) -
     word, reason = expected[example]
     assert f" %; {word}" in (ROOT / "examples" / f"{example}.yaml").read_text()  # as its first lines say
     assert verdict["word"] == word
-    assert any(reason in one for one in verdict["reasons"])
+    assert any(reason in x for x in verdict["reasons"])
 
 
 def test_emps_as_a_robot_file_is_its_lagrangian_model(folder: Path) -> None:
@@ -242,18 +244,20 @@ def check(folder: Path, example: str, *changes: tuple[str, str]) -> dict[str, se
     path.write_text(text)
     done = CliRunner().invoke(main, ["check", str(path), "--json", str(folder / "check.json")])
     assert done.exit_code == 0, done.output
-    (found,) = json.loads((folder / "check.json").read_text()).values()
+    (result,) = json.loads((folder / "check.json").read_text()).values()
     said: dict[str, set[tuple[str, str | None]]] = {"error": set(), "warning": set(), "info": set()}
-    for one in found["findings"]:
-        said[one["severity"]].add((one["topic"], one["link"] or one["joint"]))
+    for case in result["findings"]:
+        said[case["severity"]].add((case["topic"], case["link"] or case["joint"]))
     return said
 
 
 def warned(folder: Path, example: str) -> set[tuple[str, str | None]]:
     """Topics and places of what the checks beside the identification of an example warn of."""
     identify(folder, example)
-    found = [one for one in load(folder / example / "result.json").findings if one.severity is not Severity.INFO]
-    return {(one.topic, one.link or one.joint) for one in found}
+    result = [
+        finding for finding in load(folder / example / "result.json").findings if finding.severity is not Severity.INFO
+    ]
+    return {(x.topic, x.link or x.joint) for x in result}
 
 
 def topics(said: set[tuple[str, str | None]]) -> set[str]:

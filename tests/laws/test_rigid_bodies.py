@@ -84,8 +84,8 @@ class Peer:
         ]
 
 
-def assert_close(found, expected, tolerance=1e-13):
-    assert np.abs(found - expected).max() <= tolerance * max(np.abs(expected).max(), 1e-3)
+def assert_close(result, expected, tolerance=1e-13):
+    assert np.abs(result - expected).max() <= tolerance * max(np.abs(expected).max(), 1e-3)
 
 
 @few
@@ -176,11 +176,11 @@ def test_parameters_are_those_of_pinocchio():
 
 
 def test_the_same_arm_from_both_formats():
-    one, other = RigidBodies(ARM), RigidBodies(ARM_MJCF)
+    first, second = RigidBodies(ARM), RigidBodies(ARM_MJCF)
     state = states(np.random.default_rng(1), 3)
-    assert one.joints == other.joints
-    np.testing.assert_allclose(values(one), values(other), atol=1e-15)
-    assert_close(one.regressor(*state), other.regressor(*state), 1e-14)
+    assert first.joints == second.joints
+    np.testing.assert_allclose(values(first), values(second), atol=1e-15)
+    assert_close(first.regressor(*state), second.regressor(*state), 1e-14)
 
 
 @pytest.mark.parametrize(
@@ -234,9 +234,9 @@ def test_a_turned_base_is_a_turned_gravity():
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the measured robots lie beside the checkout, and are not there")
 def test_measured_robots_load():
-    found = {path.name: path.read_text(encoding="utf-8") for path in sorted(SHARED.glob("*/*.urdf"))}
-    assert found
-    for name, text in found.items():
+    result = {path.name: path.read_text(encoding="utf-8") for path in sorted(SHARED.glob("*/*.urdf"))}
+    assert result
+    for name, text in result.items():
         used = tuple(f"panda_joint{k}" for k in range(1, 8)) if "panda" in name else None
         term = RigidBodies(text, joints_used=used, source=name)
         n = len(term.joints)

@@ -36,8 +36,8 @@ def urdfs() -> list[Path]:
 
 
 def mjcfs(*folders: str) -> list[Path]:
-    found = importlib.util.find_spec("robosuite")  # not imported: it needs much that is not installed
-    assets = Path(str(found.origin)).parent / "models" / "assets" if found else Path("missing")
+    spec = importlib.util.find_spec("robosuite")  # not imported: it needs much that is not installed
+    assets = Path(str(spec.origin)).parent / "models" / "assets" if spec else Path("missing")
     return sorted(path for folder in folders for path in (assets / folder).glob("**/*.xml"))
 
 
@@ -81,9 +81,9 @@ def exactly(text: str) -> str:
     return re.sub(r'\b(rpy|euler|axisangle)\s*=\s*"([^"]*)"', turned, text) if in_radians else text
 
 
-def assert_same(found: np.ndarray, expected: np.ndarray) -> None:
-    assert np.isfinite(found).all()
-    assert np.abs(found - expected).max() <= CLOSE * np.abs(expected).max()
+def assert_same(result: np.ndarray, expected: np.ndarray) -> None:
+    assert np.isfinite(result).all()
+    assert np.abs(result - expected).max() <= CLOSE * np.abs(expected).max()
 
 
 @needs_urdfs
@@ -105,7 +105,7 @@ def test_a_urdf_has_the_torque_of_pinocchio_or_is_refused(path: Path) -> None:
 
 def mimicked(text: str, name: str) -> tuple[str, float, float]:
     """The joint that one follows in the end, with factor and offset."""
-    (joint,) = (one for one in ElementTree.fromstring(text) if one.tag == "joint" and one.get("name") == name)
+    (joint,) = (x for x in ElementTree.fromstring(text) if x.tag == "joint" and x.get("name") == name)
     mimic = joint.find("mimic")
     if mimic is None:
         return name, 1.0, 0.0
@@ -156,9 +156,9 @@ def test_an_mjcf_has_the_torque_of_mujoco_or_is_refused(path: Path, tmp_path: Pa
     assert_same(term.regressor(*state) @ known_values(term, model), torque)
 
 
-def _beside(found: re.Match[str], path: Path) -> str:
+def _beside(match: re.Match[str], path: Path) -> str:
     """A file of the package, by its path: the copy with exact angles lies elsewhere."""
-    return f'{found[1]}="{(path.parent / found[2]).resolve()}"'
+    return f'{match[1]}="{(path.parent / match[2]).resolve()}"'
 
 
 def known_values(term: RigidBodies, model: mujoco.MjModel) -> np.ndarray:

@@ -42,13 +42,13 @@ def tried(folder, config, command):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         done = run(command, path)
-    return done.exit_code, done.output, [str(one.message) for one in caught], time.process_time() - began
+    return done.exit_code, done.output, [str(x.message) for x in caught], time.process_time() - began
 
 
 def test_every_section_is_tried(folder):
     """The sections are all those that settings.py defines or uses, and the configurations to start from work."""
-    every = [one for module in (settings, channels, loops) for one in vars(module).values()]
-    own = {one for one in every if isinstance(one, type) and issubclass(one, BaseModel)}
+    every = [value for module in (settings, channels, loops) for value in vars(module).values()]
+    own = {x for x in every if isinstance(x, type) and issubclass(x, BaseModel)}
     abstract = {BaseModel, Section, loops.LoopSettings, loops.LoopJoint}
     assert own - abstract <= {kind for kind, _, _ in sections().values()}
     done = []
@@ -60,10 +60,10 @@ def test_every_section_is_tried(folder):
 
 
 def test_extreme_settings_end_in_a_sentence(folder):
-    every, known, wrong = trials(), sections(), []
+    every, reference, wrong = trials(), sections(), []
     chosen = random.Random(SEED).sample(every, min(TRIALS, len(every)))
     for where, name, value in chosen:
-        config = changed(known[where][2], known[where][1], name, value)
+        config = changed(reference[where][2], reference[where][1], name, value)
         for command in ("check", "identify"):
             code, output, caught, seconds = tried(folder, config, command)
             quiet = not caught and "Traceback" not in output

@@ -65,13 +65,13 @@ def free_run(name: str, failure: str) -> SimpleNamespace:
     )  # fmt: skip
 
 
-def simulations(found: Any, runs: tuple[SimpleNamespace, ...]) -> Iterator[str]:
+def simulations(result: Any, runs: tuple[SimpleNamespace, ...]) -> Iterator[str]:
     """The sections of free simulations where one has failed, where none has, and where there is none."""
     from dynident.report.identification.validation import simulation_section
 
     for some in (runs, runs[:1], ()):
-        found.runs = some
-        yield page.render("", "", list(simulation_section(found)))
+        result.runs = some
+        yield page.render("", "", list(simulation_section(result)))
 
 
 def robot() -> str:

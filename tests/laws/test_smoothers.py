@@ -77,9 +77,9 @@ def test_a_shifted_spline_is_the_spline_at_later_times(time_offset: float) -> No
     fit = smooth(log.t, log.q)
     made = TimeShifted(Spline(), time_offset)(log)
     seen = (log.t + time_offset >= log.t[0]) & (log.t + time_offset <= log.t[-1])
-    for order, found in enumerate((made.q, made.dq, made.ddq)):
+    for order, result in enumerate((made.q, made.dq, made.ddq)):
         expected = fit(log.t[seen] + time_offset, order)
-        assert np.abs(found[seen] - expected).max() < 1e-9 * np.abs(expected).max()
+        assert np.abs(result[seen] - expected).max() < 1e-9 * np.abs(expected).max()
     assert not made.mask[~seen].any()
     np.testing.assert_array_equal(made.tau, log.tau)
 

@@ -29,9 +29,11 @@ def test_estimates_stay(name: str) -> None:
     problem = make_problem(model, multisine_motion(model, noise=0.02, samples=600))
     looped = close_loops(problem) if name == "slider" else None
     for estimator in (*ESTIMATORS, *(SIMULATING if looped else ())):
-        found = estimator(looped or problem)
-        parts = {key: getattr(found, key) for key in ("value", "std", "determined", "residual", "notes", "consistency")}
-        lines += [f"{estimator!r}", *facts(parts), *map(str, found.notes)]
+        estimate = estimator(looped or problem)
+        parts = {
+            key: getattr(estimate, key) for key in ("value", "std", "determined", "residual", "notes", "consistency")
+        }
+        lines += [f"{estimator!r}", *facts(parts), *map(str, estimate.notes)]
     check_kept(f"estimates_{name}", "\n".join(lines))
 
 
@@ -52,7 +54,9 @@ def test_terms_stay() -> None:
         term = make()
         states = sample_states(len(term.joints))
         lines += [f"{name}: {digits(term.regressor(*states, *random_memory(term)))}"]
-        lines += [f"  {one.name} {one.unit} {one.role} {one.value}" for one in term.parameters]
+        lines += [
+            f"  {parameter.name} {parameter.unit} {parameter.role} {parameter.value}" for parameter in term.parameters
+        ]
     check_kept("terms", "\n".join(lines))
 
 

@@ -124,7 +124,7 @@ def test_what_comes_next_can_be_typed(
 
 
 @pytest.mark.parametrize(
-    ("system", "typed", "found", "expected"),
+    ("system", "typed", "values", "expected"),
     [
         ("posix", ("python3", "dev.py"), (), "python3 dev.py"),
         ("posix", ("python3.12", "/my home/dev.py"), (), "python3.12 '/my home/dev.py'"),
@@ -139,11 +139,11 @@ def test_it_names_itself_as_it_was_called(
     monkeypatch: pytest.MonkeyPatch,
     system: str,
     typed: tuple[str, ...],
-    found: tuple[str],
+    values: tuple[str],
     expected: str,
 ) -> None:
     fake = SimpleNamespace(name=system)
-    names = dev(project, monkeypatch, *typed, os=fake, runs_this=lambda name: name in found)
+    names = dev(project, monkeypatch, *typed, os=fake, runs_this=lambda name: name in values)
     assert names["called"]() == expected
 
 

@@ -46,10 +46,10 @@ def prose(page: Path) -> str:
 def python_blocks() -> Iterator[Any]:
     """Each Python block with the text block that may follow it: what it prints."""
     for page in (page for page in PAGES if page != TYPED):
-        found = blocks(page)
-        for k, block in enumerate(found):
+        result = blocks(page)
+        for k, block in enumerate(result):
             if block["kind"] == "python" and not block["mark"]:
-                after = found[k + 1] if k + 1 < len(found) else None
+                after = result[k + 1] if k + 1 < len(result) else None
                 shown = after["body"] if after and after["kind"] == "text" and after.start() - block.end() < 3 else None
                 line = block.string.count("\n", 0, block.start()) + 1
                 yield pytest.param(block["body"], shown, id=f"{title(page)}:{line}")
@@ -120,17 +120,17 @@ def assert_installs(command: str, *targets: str) -> None:
     """The clone with extras that there are, or packages that pyproject.toml names: dynident is on no index."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    known = {re.split(r"[<>=; ]", one)[0] for wanted in (project["dependencies"], *extras.values()) for one in wanted}
+    reference = {re.split(r"[<>=; ]", x)[0] for wanted in (project["dependencies"], *extras.values()) for x in wanted}
     assert command == "install"
     for target in targets:
         own = re.fullmatch(r"\.(?:\[(.+)\])?", target)
-        assert set((own[1] or "hdf5").split(",")) <= set(extras) if own else target in known, target
+        assert set((own[1] or "hdf5").split(",")) <= set(extras) if own else target in reference, target
 
 
 def test_no_page_and_no_message_installs_dynident_from_an_index() -> None:
     for path in (*PAGES, *SOURCE.rglob("*.py")):
-        found = re.findall(r"install \S*dynident\S*", path.read_text(encoding="utf-8"))
-        assert found == [], path
+        matches = re.findall(r"install \S*dynident\S*", path.read_text(encoding="utf-8"))
+        assert matches == [], path
 
 
 def test_the_pages_show_the_main_commands() -> None:
@@ -196,8 +196,8 @@ def test_dotted_names_exist(page: Path) -> None:
     text = prose(page)
     for name in re.findall(r"`(dynident(?:\.\w+)+)`", text):
         module, _, attribute = name.rpartition(".")
-        found = hasattr(import_module(module), attribute) if module else False
-        assert found or import_module(name), name
+        result = hasattr(import_module(module), attribute) if module else False
+        assert result or import_module(name), name
     for owner, attribute in re.findall(r"`([A-Z]\w+)\.([a-z]\w*)`", text):
         assert attribute in members(owner), f"{title(page)}: {owner}.{attribute}"
 

@@ -28,18 +28,18 @@ def test_a_few_runs_give_figures_for_every_cell(load: Load, tmp_path: Path) -> N
     frame, arms = load("study"), load("article")
     study = arms.study(["spline", "raw"], [1e-4], ["tabulated"])
     said: list[str] = []
-    found = frame.run(study, frame.Runner(tmp_path, None, say=said.append), 3)
-    cells = {one["method"]: one for one in found["cells"]}
-    assert {one["scenario"] for one in found["cells"]} == {"tabulated"}
+    outcome = frame.run(study, frame.Runner(tmp_path, None, say=said.append), 3)
+    cells = {x["method"]: x for x in outcome["cells"]}
+    assert {x["scenario"] for x in outcome["cells"]} == {"tabulated"}
     assert list(cells) == ["spline", "raw"]
-    assert all(one["runs"] == 3 and one["failed"] == 0 and len(one["coverage"]) == 7 for one in cells.values())
+    assert all(cell["runs"] == 3 and cell["failed"] == 0 and len(cell["coverage"]) == 7 for cell in cells.values())
     assert 2 < np.mean(cells["spline"]["rms"]) < np.mean(cells["raw"]["rms"])
-    for name, one in cells.items():  # rms^2 is bias^2 and the variance of n of the n - 1
-        parts = np.square(one["bias"]) + np.square(one["spread"]) * 2 / 3
-        np.testing.assert_allclose(np.square(one["rms"]), parts, rtol=5e-3, err_msg=name)
+    for name, case in cells.items():  # rms^2 is bias^2 and the variance of n of the n - 1
+        parts = np.square(case["bias"]) + np.square(case["spread"]) * 2 / 3
+        np.testing.assert_allclose(np.square(case["rms"]), parts, rtol=5e-3, err_msg=name)
     assert "3 runs of spline, raw in tabulated" in said
-    found |= {"known": {"tabulated": {"0.0001": 0.7}}, "minutes": 0.0, "workers": 1, "load": 0.0}
-    drawn = load("page").tables({"article": found})
+    outcome |= {"known": {"tabulated": {"0.0001": 0.7}}, "minutes": 0.0, "workers": 1, "load": 0.0}
+    drawn = load("page").tables({"article": outcome})
     assert "| least_squares | " in drawn["estimators"]
     assert "| difference | " in drawn["smoothers"]
 

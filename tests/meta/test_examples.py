@@ -42,10 +42,10 @@ def test_a_script_prints_what_its_docstring_shows(
     runpy.run_path(str(path), run_name="__main__")  # pytest makes errors of warnings
     printed = capsys.readouterr().out.strip()
     assert NUMBER.sub("#", printed) == NUMBER.sub("#", shown)
-    numbers = [[float(word) for word in NUMBER.findall(one)] for one in (printed, shown)]
+    numbers = [[float(word) for word in NUMBER.findall(x)] for x in (printed, shown)]
     assert numbers[0] == pytest.approx(numbers[1], rel=0.02)
     assert len(text.splitlines()) < 40
-    assert all(one.name.endswith("-out") for one in tmp_path.iterdir())  # which git ignores
+    assert all(x.name.endswith("-out") for x in tmp_path.iterdir())  # which git ignores
 
 
 def test_every_example_is_listed() -> None:
@@ -69,10 +69,10 @@ def test_the_notebook_runs_and_its_configuration_does_as_its_first_lines_say(
     for name in ("JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR", "IPYTHONDIR"):
         monkeypatch.setenv(name, str(tmp_path / "jupyter"))
     outputs = executed(folder)
-    kinds = [kind for one in outputs for kind in one.get("data", ())]
+    kinds = [kind for output in outputs for kind in output.get("data", ())]
     assert kinds.count("application/vnd.plotly.v1+json") == 5
     assert kinds.count("text/html") == 2
-    shown = [one.get("text") or one.data.get("text/plain", "") for one in outputs]
+    shown = [output.get("text") or output.data.get("text/plain", "") for output in outputs]
     assert float(re.findall(r"is ([\d.]+) % from the true one", shown[-1])[0]) < 0.5
     said = head(EXAMPLES / "arm.yaml")
     first, _, held_out, *_ = next(text for text in shown if text.startswith("<Identification")).splitlines()
@@ -87,11 +87,15 @@ def executed(folder: Path) -> list[Any]:
     """What the cells of the notebook show, run in a folder; a warning in one of them is an error."""
     notebook = nbformat.read(EXAMPLES / "walkthrough.ipynb", nbformat.current_nbformat)
     strict, mild = (f"import warnings; warnings.simplefilter('{action}')" for action in ("error", "default"))
-    own = notebook.cells
-    notebook.cells = [nbformat.v4.new_code_cell(strict), *own, nbformat.v4.new_code_cell(mild)]  # the kernel warns, too
+    cells = notebook.cells
+    notebook.cells = [
+        nbformat.v4.new_code_cell(strict),
+        *cells,
+        nbformat.v4.new_code_cell(mild),
+    ]  # the kernel warns, too
     nbclient.NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(folder)}}).execute()
-    outputs = [one for cell in own if cell.cell_type == "code" for one in cell.outputs]
-    assert not [one for one in outputs if one.get("name") == "stderr"]
+    outputs = [output for cell in cells if cell.cell_type == "code" for output in cell.outputs]
+    assert not [output for output in outputs if output.get("name") == "stderr"]
     return outputs
 
 

@@ -21,5 +21,5 @@ def test_the_table_of_motions_is_that_of_the_benchmark(
     shown = re.findall(r"^\| (.+?) \| (\d+ of \d+) \| (.+?) \|$", page, re.MULTILINE)
     assert [row[:2] for row in shown] == [row[:2] for row in printed]
     assert len(shown) > 5
-    for (_, _, told), (_, _, found) in zip(shown, printed, strict=True):
-        assert float(told.replace("not determined", "inf")) == pytest.approx(float(found), rel=0.02)
+    for (_, _, told), (_, _, result) in zip(shown, printed, strict=True):
+        assert float(told.replace("not determined", "inf")) == pytest.approx(float(result), rel=0.02)

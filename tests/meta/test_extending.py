@@ -75,8 +75,8 @@ def test_a_smoother_of_a_file_identifies(folder: Path) -> None:
     assert result["recipe"]["smoother"] == {
         "kind": f"{folder / 'sg.py'}:SavitzkyGolay", "width": 0.08, "order": 4,
     }  # fmt: skip
-    found = {row["name"]: row["value"] for row in result["parameters"]}
-    np.testing.assert_allclose(list(found.values()), truth(slider(values=(5.0, 8.0, 3.0, 0.5))), rtol=0.05)
+    actual = {row["name"]: row["value"] for row in result["parameters"]}
+    np.testing.assert_allclose(list(actual.values()), truth(slider(values=(5.0, 8.0, 3.0, 0.5))), rtol=0.05)
     saved = load(out / "result.json", allow_code=True)
     assert repr(strip_time_offset(saved.recipe.smoothers[0])) == "SavitzkyGolay(width=0.08, order=4)"
 
@@ -101,7 +101,7 @@ def test_an_estimator_of_a_file_identifies(folder: Path) -> None:
     plain = identify(model, [log], (), Recipe(Spline(sigma=1e-6)))
     assert recipe.estimator.k == 1.5
     assert robust.errors.allows_correlation
-    off, off_plain = (np.abs(found.estimate.value - truth(model)) for found in (robust, plain))
+    off, off_plain = (np.abs(result.estimate.value - truth(model)) for result in (robust, plain))
     assert off[-1] < 0.05 * off_plain[-1]  # the offset takes all outliers in least squares
     assert len(robust.estimate.residual.sample_weights) == 1
 
@@ -113,8 +113,8 @@ def test_a_term_of_a_file_stands_beside_those_of_the_library(folder: Path) -> No
     assert [type(term).__name__ for term in model.terms] == ["RigidBodies", "Viscous", "Coulomb", "Buffer"]
     assert model.names[-1] == "k_shoulder"
     assert model.terms[-1].constant("begin", "shoulder") == 0.5
-    one = IdentifiedModel(model, np.linspace(0.5, 1.5, len(model.names)))
-    assert export(one, Numpy(), random_states(len(model.joints), np.random.default_rng(0))).ready
+    identified_model = IdentifiedModel(model, np.linspace(0.5, 1.5, len(model.names)))
+    assert export(identified_model, Numpy(), random_states(len(model.joints), np.random.default_rng(0))).ready
     text = text.replace("begin:", "start:")
     with pytest.raises(ConfigError, match=r"model.terms\[2\]: unknown key 'start'"):
         parse_config(text, folder)
@@ -131,8 +131,8 @@ def test_a_term_of_a_file_remembers(folder: Path) -> None:
     motion = sliding.remembering(multisine_motion(slider(values=(5.0, 8.0, 3.0, 0.5))))
     theta = np.array([5.0, 8.0, 3.0, 0.5, 40.0])
     log = Log(motion.t, motion.q, sliding.torque(**motion.states(), theta=theta), motion.joints)
-    found = identify(sliding, [log], (), Recipe(Spline(sigma=1e-6)))
-    np.testing.assert_allclose(found.estimate.value, theta, rtol=0.02)
+    result = identify(sliding, [log], (), Recipe(Spline(sigma=1e-6)))
+    np.testing.assert_allclose(result.estimate.value, theta, rtol=0.02)
 
 
 def test_terms_of_the_library_take_settings(folder: Path) -> None:
@@ -179,10 +179,10 @@ def test_standard_errors_of_huber_are_honest_under_outliers(folder: Path) -> Non
         noise += np.where(rng.uniform(size=noise.shape) < 0.05, 2.0 * rng.standard_normal(noise.shape), 0.0)
         motion = type(clean)(clean.t, clean.q, clean.dq, clean.ddq, clean.tau + noise, clean.joints, clean.mask)
         regression = Regression(model, (motion,))
-        found = huber(Problem(model, (motion,), regression))
-        weighted = Regression(model, (motion,), weights=found.residual.sample_weights)
-        covariance = robust_covariance(weighted, found.value, found.residual.weights, slopes=found.residual.slopes)
-        values.append(found.value)
+        result = huber(Problem(model, (motion,), regression))
+        weighted = Regression(model, (motion,), weights=result.residual.sample_weights)
+        covariance = robust_covariance(weighted, result.value, result.residual.weights, slopes=result.residual.slopes)
+        values.append(result.value)
         told.append(np.sqrt(np.diag(covariance)))
         plain.append(LeastSquares()(Problem(model, (motion,), regression)).value)
     scatter = np.std(values, axis=0)

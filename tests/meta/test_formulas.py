@@ -20,20 +20,20 @@ FENCED = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 def formulas() -> list[tuple[str, str]]:
-    found = []
+    result = []
     for page in sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]):
         text = page.read_text(encoding="utf-8")
         prose = re.sub(r"`[^`]+`", "", FENCED.sub("", text))
         blocks = [body for kind, body in FENCED.findall(text) if kind == "math"]
-        found += [(page.name, one) for one in [*blocks, *re.findall(HOOK["INLINE"], prose)]]
-    return found
+        result += [(page.name, x) for x in [*blocks, *re.findall(HOOK["INLINE"], prose)]]
+    return result
 
 
 def test_every_formula_can_be_read() -> None:
-    found = formulas()
-    assert len(found) > 100
-    assert {"methods_model.md", "maximum_likelihood.md", "notation.md"} <= {page for page, _ in found}
-    for _, formula in found:
+    result = formulas()
+    assert len(result) > 100
+    assert {"methods_model.md", "maximum_likelihood.md", "notation.md"} <= {page for page, _ in result}
+    for _, formula in result:
         assert HOOK["mathml"](formula).startswith("<math")
 
 

@@ -43,12 +43,12 @@ def keys(schema: Any) -> Iterator[str]:
 
 
 def test_every_key_that_an_error_names_exists() -> None:
-    known = {*keys(config_schema()), *keys(result_schema()), *dynident.__all__, *EXPORTERS.table, *OTHER}
-    known |= FleetSettings.model_fields.keys()
+    reference = {*keys(config_schema()), *keys(result_schema()), *dynident.__all__, *EXPORTERS.table, *OTHER}
+    reference |= FleetSettings.model_fields.keys()
     for name in dynident.__all__:
         if callable(public := getattr(dynident, name)) and not inspect.isclass(public):
-            known |= set(inspect.signature(public).parameters)
-    found = list(quoted())
-    assert len(found) > 20
-    assert {(file, word) for file, word in found if word not in known} == set()
-    assert "joints_used" not in known
+            reference |= set(inspect.signature(public).parameters)
+    result = list(quoted())
+    assert len(result) > 20
+    assert {(file, word) for file, word in result if word not in reference} == set()
+    assert "joints_used" not in reference

@@ -49,11 +49,11 @@ def tried(bench: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_a_work_is_measured_with_the_kernel_without_it_and_by_its_peers(tried: SimpleNamespace) -> None:
     work = tried.measure.Work("tried", "tried", (2, 3), ("peer", "a peer that is not here"), seconds=0)
-    found = tried.measure.measured(work)
-    assert list(found) == ["with", "without", "peer", "a peer that is not here"]
-    assert [found[way].cpu for way in list(found)[:3]] == [0.5, 2.5, 5.0]
-    assert found["peer"].peak > 0.001
-    assert found["a peer that is not here"] == "a peer that is not here is not found"
+    result = tried.measure.measured(work)
+    assert list(result) == ["with", "without", "peer", "a peer that is not here"]
+    assert [result[way].cpu for way in list(result)[:3]] == [0.5, 2.5, 5.0]
+    assert result["peer"].peak > 0.001
+    assert result["a peer that is not here"] == "a peer that is not here is not found"
 
 
 def test_every_work_exists_and_has_one_key(bench: SimpleNamespace) -> None:
@@ -87,9 +87,9 @@ def test_a_run_keeps_what_a_file_has_of_other_parts(
     file = tmp_path / "kept.json"
     file.write_text(json.dumps({"machine": {}, "works": {"other": {"with": "kept"}}}), encoding="utf-8")
     tried.run.main(["start", "--json", str(file)])
-    found = json.loads(file.read_text(encoding="utf-8"))["works"]
-    assert found["other"] == {"with": "kept"}
-    assert found[work.key]["without"]["cpu"] == 0.5
+    content = json.loads(file.read_text(encoding="utf-8"))["works"]
+    assert content["other"] == {"with": "kept"}
+    assert content[work.key]["without"]["cpu"] == 0.5
     shown = capsys.readouterr().out
     assert "| a row | peer 1 | 0.1 (10 x) | 5 x: met | 0.5 (2 x) | 5 x: **not met** |" in shown
     assert "Marks: 1 met, 1 not met, 0 not measured." in shown

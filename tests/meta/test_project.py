@@ -30,8 +30,8 @@ def jobs(path: Path) -> list[dict[str, Any]]:
 
 
 def python_versions() -> list[str]:
-    found = re.findall(r"Python :: (3\.\d+)", "\n".join(PROJECT["classifiers"]))
-    return sorted(found, key=lambda version: int(version.partition(".")[2]))
+    matches = re.findall(r"Python :: (3\.\d+)", "\n".join(PROJECT["classifiers"]))
+    return sorted(matches, key=lambda version: int(version.partition(".")[2]))
 
 
 def test_the_tests_run_on_every_version_of_python_that_is_supported() -> None:
@@ -97,4 +97,4 @@ def test_every_dependency_is_pinned_without_an_address() -> None:
     pinned = {line.partition("==")[0] for line in lines}
     groups = SETTINGS["dependency-groups"].values()
     for wanted in (PROJECT["dependencies"], *PROJECT["optional-dependencies"].values(), *groups):
-        assert {re.split(r"[<>=; ]", one)[0].lower() for one in wanted} <= pinned
+        assert {re.split(r"[<>=; ]", x)[0].lower() for x in wanted} <= pinned

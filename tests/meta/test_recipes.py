@@ -29,7 +29,7 @@ N = 400
 
 def shown() -> dict[str, str]:
     """The configuration of each section that has one."""
-    return {found["heading"]: found["body"] for found in BLOCK.finditer(PAGE)}
+    return {result["heading"]: result["body"] for result in BLOCK.finditer(PAGE)}
 
 
 def robot(joints: tuple[str, ...], other: str, fixed: bool) -> str:
@@ -152,7 +152,7 @@ def model_of(config: dict[str, Any]) -> str:
 
 
 def logs_of(config: dict[str, Any]) -> list[str]:
-    return [one["file"] for one in (*config["train"], *config["validation"])]
+    return [x["file"] for x in (*config["train"], *config["validation"])]
 
 
 def written(folder: Path, heading: str, text: str) -> tuple[Path, dict[str, Any]]:
@@ -221,10 +221,10 @@ def test_init_drafts_the_same_columns(heading: str, tmp_path: Path) -> None:
     """Where no gain is to be filled in; the sign of the iiwa's torques cannot be known."""
     _, config = written(tmp_path, heading, shown()[heading])
     said, draft = drafted(tmp_path, model_of(config), *logs_of(config))
-    found = yaml.safe_load(draft)
+    content = yaml.safe_load(draft)
     for channel in config["torque"].values():
         channel.pop("gain", None)
-    assert {key: found[key] for key in ("time", "position", "torque")} == {
+    assert {key: content[key] for key in ("time", "position", "torque")} == {
         key: config[key] for key in ("time", "position", "torque")
     }
     assert ("Confirm or correct" in said) == (heading not in ("ROS 2", "KUKA (FRI)"))

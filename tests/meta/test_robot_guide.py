@@ -35,9 +35,9 @@ CURRENT = np.array([0.0105, 0.0062])  # N m per mA, as in the configuration
 
 def shown(page: str) -> str:
     """The first configuration on a page."""
-    found = re.search(r"^```yaml\n(.*?)^```$", (ROOT / page).read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-    assert found
-    return found[1]
+    outcome = re.search(r"^```yaml\n(.*?)^```$", (ROOT / page).read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    assert outcome
+    return outcome[1]
 
 
 def truth(model: Model) -> list[float]:
@@ -74,8 +74,8 @@ def test_the_first_configuration_identifies_an_arm(tmp_path: Path) -> None:
     result = run(tmp_path, shown("docs/robots.md"))
     (held_out,) = errors_by_log(result, "validation").values()
     assert held_out["relative_error"] < 1.0
-    found = {one["name"]: one["value"] for one in result["parameters"]}
-    for name, value in found.items():
+    actual = {x["name"]: x["value"] for x in result["parameters"]}
+    for name, value in actual.items():
         if name[:2] in TRUE and not name.startswith("Ia"):
             assert value == pytest.approx(TRUE[name[:2]], abs=0.02), name
-    assert found["Ia_elbow"] + found["fore.Izz"] == pytest.approx(0.05 + 0.01 + 0.15**2, rel=0.02)
+    assert actual["Ia_elbow"] + actual["fore.Izz"] == pytest.approx(0.05 + 0.01 + 0.15**2, rel=0.02)

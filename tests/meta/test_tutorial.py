@@ -49,7 +49,7 @@ class Step:
 
 def steps(body: str) -> list[Step]:
     """The commands of a console block."""
-    return [Step(*one.partition("\n")[::2]) for one in re.split(r"^\$ ", body, flags=re.MULTILINE)[1:]]
+    return [Step(*x.partition("\n")[::2]) for x in re.split(r"^\$ ", body, flags=re.MULTILINE)[1:]]
 
 
 def typed(command: str) -> str:
@@ -76,7 +76,7 @@ def edit(difference: str) -> None:
     """Add the lines with a plus to robot.yaml; the others must be there."""
     text = Path("robot.yaml").read_text(encoding="utf-8")
     lines = difference.splitlines(keepends=True)
-    old, new = ("".join(one[1:] for one in lines if one[0] in kinds) for kinds in (" ", " +"))
+    old, new = ("".join(line[1:] for line in lines if line[0] in kinds) for kinds in (" ", " +"))
     assert text.count(old) == 1
     Path("robot.yaml").write_text(text.replace(old, new), encoding="utf-8")
 
@@ -148,10 +148,10 @@ def alike(shown: str, word: str) -> bool:
     """Whether two words are the same but for the last digits of their numbers."""
     if NUMBER.sub("#", shown) != NUMBER.sub("#", word):
         return False
-    for one, other in zip(NUMBER.findall(shown), NUMBER.findall(word), strict=True):
-        mantissa, _, power = one.partition("e")
+    for first, second in zip(NUMBER.findall(shown), NUMBER.findall(word), strict=True):
+        mantissa, _, power = first.partition("e")
         last = 10.0 ** (int(power or 0) - len(mantissa.partition(".")[2]))
-        if not math.isclose(float(one), float(other), rel_tol=0.02, abs_tol=1.001 * last):
+        if not math.isclose(float(first), float(second), rel_tol=0.02, abs_tol=1.001 * last):
             return False
     return True
 
@@ -162,8 +162,8 @@ def assert_printed(step: Step, text: str) -> None:
     parts = [words(part) for part in re.split(r"^\.\.\.$", step.shown, flags=re.MULTILINE)]
     for k, part in enumerate(parts):
         starts = range(1 if k == 0 else len(rest) - len(part) + 1)
-        found = (i for i in starts if len(rest) >= i + len(part) and all(map(alike, part, rest[i:])))
-        start = next(found, None)
+        result = (i for i in starts if len(rest) >= i + len(part) and all(map(alike, part, rest[i:])))
+        start = next(result, None)
         assert start is not None, f"$ {step.command}\ndoes not print\n{' '.join(part)}\nin\n{text}"
         rest = rest[start + len(part) :]
     assert not rest or not parts[-1], f"$ {step.command}\nprints more than is shown: {' '.join(rest)}"

@@ -72,9 +72,9 @@ class Judge:
         return self._each(pin.rnea, *self.arm.body_states(*states)).reshape(-1, self.model.nv) @ self.arm.drive
 
     def partials(self, *states):
-        found = self._each(lambda *state: np.array(pin.computeRNEADerivatives(*state)), *self.arm.body_states(*states))
-        found = found.reshape(-1, 3, self.model.nv, self.model.nv)
-        return self.arm.drive.T @ found.swapaxes(0, 1) @ self.arm.drive
+        result = self._each(lambda *state: np.array(pin.computeRNEADerivatives(*state)), *self.arm.body_states(*states))
+        result = result.reshape(-1, 3, self.model.nv, self.model.nv)
+        return self.arm.drive.T @ result.swapaxes(0, 1) @ self.arm.drive
 
     def mass(self, q):
         upper = self._each(lambda *state: np.triu(pin.crba(*state)), self.arm.body_states(q, q, q)[0])
@@ -82,6 +82,6 @@ class Judge:
         return self.arm.drive.T @ (upper + np.triu(upper, 1).swapaxes(1, 2)) @ self.arm.drive
 
 
-def assert_same(found, expected, tolerance=1e-13):
-    assert found.shape == expected.shape
-    assert np.abs(found - expected).max(initial=0.0) <= tolerance * max(np.abs(expected).max(initial=0.0), 1.0)
+def assert_same(result, expected, tolerance=1e-13):
+    assert result.shape == expected.shape
+    assert np.abs(result - expected).max(initial=0.0) <= tolerance * max(np.abs(expected).max(initial=0.0), 1.0)

@@ -17,7 +17,7 @@ from tests.robots import joint, link, urdf
 
 def shaped(name, *inside, mass=1.0):
     """A link with shapes for collision."""
-    shapes = "".join(f"<collision>{one}</collision>" for one in inside)
+    shapes = "".join(f"<collision>{x}</collision>" for x in inside)
     return link(name, mass).replace("</link>", f"{shapes}</link>") if mass else f'<link name="{name}">{shapes}</link>'
 
 
@@ -40,9 +40,9 @@ def capsules(xml, meshes=None):
 def test_the_capsules_of_the_demo_arm_are_found_again(tmp_path) -> None:
     robot = demo_files(tmp_path) / "arm.urdf"
     bodies = dy.RigidBodies(robot.read_text())
-    found = body_capsules(read_geometry(bodies, robot))
-    assert [one.link for one in found] == [one.name for one in (BASE, *LINKS)]
-    for capsule, true in zip(found, (BASE, *LINKS), strict=True):
+    result = body_capsules(read_geometry(bodies, robot))
+    assert [x.link for x in result] == [x.name for x in (BASE, *LINKS)]
+    for capsule, true in zip(result, (BASE, *LINKS), strict=True):
         ends = np.array([capsule.start, capsule.end])
         shape = true.shape
         if np.linalg.norm(ends[0] - shape.start) > np.linalg.norm(ends[1] - shape.start):
@@ -55,25 +55,25 @@ def test_balls_at_the_ends_of_a_cylinder_and_it_are_one_capsule() -> None:
     shapes = at("0 0 0", '<sphere radius="0.07"/>'), at("0 0 0.2", '<sphere radius="0.07"/>')
     tube = at("0 0 0.1", '<cylinder radius="0.07" length="0.2"/>')
     base, arm, hand = (shaped(name, *shapes, tube) for name in ("base", "arm", "hand"))
-    found = capsules(two_joints(base, arm, hand))
-    assert [(one.link, one.body) for one in found] == [("base", -1), ("arm", 0), ("hand", 1)]
-    assert [one.radius for one in found] == pytest.approx([0.07] * 3, rel=0.03)
+    test_capsules = capsules(two_joints(base, arm, hand))
+    assert [(x.link, x.body) for x in test_capsules] == [("base", -1), ("arm", 0), ("hand", 1)]
+    assert [x.radius for x in test_capsules] == pytest.approx([0.07] * 3, rel=0.03)
 
 
 def test_shapes_far_from_each_other_stay_apart() -> None:
     shapes = at("0 0 0", '<sphere radius="0.05"/>'), at("0 0.3 0.4", '<sphere radius="0.05"/>')
-    found = capsules(two_joints(shaped("base"), shaped("arm", *shapes), shaped("hand")))
-    assert [one.radius for one in found if one.link == "arm"] == pytest.approx([0.05, 0.05])
+    test_capsules = capsules(two_joints(shaped("base"), shaped("arm", *shapes), shaped("hand")))
+    assert [x.radius for x in test_capsules if x.link == "arm"] == pytest.approx([0.05, 0.05])
 
 
 def test_a_bent_mesh_has_two_capsules_that_contain_it() -> None:
     mesh = at("0 0 0", '<mesh filename="bent.stl"/>')
-    found = capsules(two_joints(shaped("base"), shaped("arm", mesh), shaped("hand")), {"bent.stl": BENT})
-    around = [one for one in found if one.link == "arm"]
+    test_capsules = capsules(two_joints(shaped("base"), shaped("arm", mesh), shaped("hand")), {"bent.stl": BENT})
+    around = [x for x in test_capsules if x.link == "arm"]
     assert len(around) == 2
     weights = np.random.default_rng(0).dirichlet(np.ones(3), 60)
     inside = np.einsum("wc,fci->fwi", weights, BENT.vertices[BENT.triangles]).reshape(-1, 3)
-    out = np.min([beyond(one, points(inside)) for one in around], axis=0)
+    out = np.min([beyond(x, points(inside)) for x in around], axis=0)
     assert out.max() < 1e-3
 
 
@@ -100,29 +100,29 @@ def test_balls_reach_as_far_as_the_shape_in_every_direction(kind, size, reach) -
 
 def test_a_mesh_is_scaled_and_placed() -> None:
     mesh = at("0 0 1", '<mesh filename="box.stl" scale="0.001 0.001 0.001"/>')
-    found = capsules(
+    test_capsules = capsules(
         two_joints(shaped("base"), shaped("arm", mesh), shaped("hand")), {"box.stl": box([-20] * 3, [20] * 3)}
     )
-    (arm,) = [one for one in found if one.link == "arm"]
+    (arm,) = [x for x in test_capsules if x.link == "arm"]
     assert (arm.start + arm.end) / 2 == pytest.approx([0, 0, 1], abs=2e-3)
     assert 0.02 * 2**0.5 < arm.radius < 0.02 * 3**0.5 + 1e-6
 
 
 def test_links_without_shapes_have_capsules_between_their_joints() -> None:
     xml = two_joints(link("base"), link("arm", 1.0), link("hand", 1.0))
-    found = capsules(xml)
+    test_capsules = capsules(xml)
     assert default_link_radius(dy.RigidBodies(xml)) == pytest.approx(0.05)  # a tenth of 0.5 m
-    assert [(one.link, one.radius) for one in found] == [("arm", pytest.approx(0.05)), ("hand", pytest.approx(0.05))]
-    assert sorted(np.array([found[0].start, found[0].end]).tolist()) == pytest.approx(
+    assert [(x.link, x.radius) for x in test_capsules] == [("arm", pytest.approx(0.05)), ("hand", pytest.approx(0.05))]
+    assert sorted(np.array([test_capsules[0].start, test_capsules[0].end]).tolist()) == pytest.approx(
         np.array([[0, 0, 0], [0, 0.3, 0.4]]), abs=1e-3
     )
 
 
 def test_a_mesh_that_is_missing_leaves_the_joints() -> None:
     mesh = at("0 0 0", '<mesh filename="package://nowhere/arm.stl"/>')
-    found = capsules(two_joints(shaped("base", mesh), shaped("arm", mesh), shaped("hand", mesh, mass=None)))
-    assert [one.link for one in found] == ["base", "arm", "hand"]
-    assert found[0].end != pytest.approx(found[0].start)
+    test_capsules = capsules(two_joints(shaped("base", mesh), shaped("arm", mesh), shaped("hand", mesh, mass=None)))
+    assert [x.link for x in test_capsules] == ["base", "arm", "hand"]
+    assert test_capsules[0].end != pytest.approx(test_capsules[0].start)
 
 
 def test_a_link_without_mass_and_shape_has_no_capsule() -> None:
@@ -135,4 +135,4 @@ def test_a_table_that_stands_still_is_a_box() -> None:
     (box_,) = fixed_boxes(geometry)
     assert (box_.name, box_.centre, box_.size) == ("base", (0, 0, 0.5), (1.2, 0.7, 1.0))
     assert np.array(box_.axes) == pytest.approx(rotation(np.array([0, 0, 1.0]), 0.5).T)
-    assert all(one.link != "base" for one in body_capsules(geometry))
+    assert all(body_capsule.link != "base" for body_capsule in body_capsules(geometry))

@@ -29,7 +29,7 @@ def test_the_plain_law_is_that_of_the_motor() -> None:
     motor = CoupledMotor(WRIST, SHARES, "m", inertia=False, viscous=False)
     own = CoupledFriction(WRIST, SHARES, "m", "coulomb")
     assert np.allclose(own.regressor(q, dq, ddq), motor.regressor(q, dq, ddq))
-    assert not {one.name for one in own.parameters} & {one.name for one in motor.parameters}
+    assert not {parameter.name for parameter in own.parameters} & {parameter.name for parameter in motor.parameters}
 
 
 def test_a_sharp_sign_becomes_smooth() -> None:

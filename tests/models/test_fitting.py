@@ -34,9 +34,9 @@ def test_a_capsule_is_found_again() -> None:
     away = rng.normal(size=(3000, 3))
     away *= radius / np.linalg.norm(away, axis=1, keepdims=True)
     surface = start + rng.uniform(size=(3000, 1)).round() * (end - start) + away
-    found = fit_capsule(points(surface))
-    assert found.radius == pytest.approx(radius, rel=0.02)
-    ends = sorted(np.array([found.start, found.end]).tolist())
+    capsule = fit_capsule(points(surface))
+    assert capsule.radius == pytest.approx(radius, rel=0.02)
+    ends = sorted(np.array([capsule.start, capsule.end]).tolist())
     assert np.array(ends) == pytest.approx(np.array([start, end]), abs=0.01)
 
 
@@ -68,8 +68,8 @@ def test_the_axis_is_tilted_from_the_principal_ones(wide) -> None:
 
 
 def test_points_in_a_place_and_in_a_line() -> None:
-    one = fit_capsule(points([[1.0, 2.0, 3.0]] * 3))
-    assert (one.start.tolist(), one.end.tolist(), one.radius) == ([1, 2, 3], [1, 2, 3], 0)
+    capsule = fit_capsule(points([[1.0, 2.0, 3.0]] * 3))
+    assert (capsule.start.tolist(), capsule.end.tolist(), capsule.radius) == ([1, 2, 3], [1, 2, 3], 0)
     line = fit_capsule(points([[0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, 1.0]]))
     assert line.radius < 1e-3
     assert np.linalg.norm(line.end - line.start) == pytest.approx(1, abs=1e-3)

@@ -19,7 +19,7 @@ def mesh(name):
 
 def arm(collision=(), visual=()):
     inside = "".join(
-        f"<{tag}>{one}</{tag}>" for tag, given in (("collision", collision), ("visual", visual)) for one in given
+        f"<{tag}>{x}</{tag}>" for tag, given in (("collision", collision), ("visual", visual)) for x in given
     )
     part = link("arm", 1.0).replace("</link>", f"{inside}</link>")
     return dy.RigidBodies(urdf(link("base"), part, joint("one", "revolute", "base", "arm")))
@@ -38,9 +38,9 @@ def arm(collision=(), visual=()):
 )
 def test_which_shapes_of_a_link_are_used(collision, visual, made, kinds) -> None:
     bodies = arm(collision, visual)
-    found = build_geometry(bodies, {"there.stl": box([0] * 3, [1] * 3)}.get)
-    assert found.sources == {0: made}
-    assert [one.kind for one in found.solids] == kinds
+    geometry = build_geometry(bodies, {"there.stl": box([0] * 3, [1] * 3)}.get)
+    assert geometry.sources == {0: made}
+    assert [solid.kind for solid in geometry.solids] == kinds
 
 
 def test_meshes_that_are_only_seen_are_not_asked_for_where_collision_is_known() -> None:
@@ -55,8 +55,8 @@ def test_meshes_that_are_only_seen_are_not_asked_for_where_collision_is_known() 
 
 
 def test_fixed_links_have_their_place_on_the_body() -> None:
-    places = {one.link: one for one in link_places(dy.RigidBodies(ARM))}
-    assert {name: one.body for name, one in places.items()} == {
+    places = {link_place.link: link_place for link_place in link_places(dy.RigidBodies(ARM))}
+    assert {name: x.body for name, x in places.items()} == {
         "base": -1,
         "upper": 0,
         "slide": 1,
@@ -73,13 +73,13 @@ def test_links_that_stand_still_are_placed_by_locked_joints() -> None:
         joint("slide", "prismatic", "table", "rail", (0.0, 0.0, 0.5), axis=(0.0, 1.0, 0.0)),
         joint("one", "revolute", "rail", "arm"),
     )  # fmt: skip
-    places = {one.link: one for one in link_places(dy.RigidBodies(xml, ("one",), {"slide": 0.3}))}
-    assert {name: one.body for name, one in places.items()} == {"base": -1, "table": -1, "rail": -1, "arm": 0}
+    places = {link_place.link: link_place for link_place in link_places(dy.RigidBodies(xml, ("one",), {"slide": 0.3}))}
+    assert {name: x.body for name, x in places.items()} == {"base": -1, "table": -1, "rail": -1, "arm": 0}
     assert places["rail"].frame[:3, 3] == pytest.approx([1.0, 0.3, 0.5])
 
 
 def test_frames_of_links_agree_with_those_of_bodies() -> None:
     bodies = dy.RigidBodies(ARM)
-    assert np.array([one.frame for one in link_places(bodies) if one.link in ("upper", "slide", "wrist")]) == (
-        pytest.approx(np.array([np.eye(4)] * 3))
-    )
+    assert np.array(
+        [link_place.frame for link_place in link_places(bodies) if link_place.link in ("upper", "slide", "wrist")]
+    ) == (pytest.approx(np.array([np.eye(4)] * 3)))

@@ -33,9 +33,7 @@ def test_both_sides_of_a_cut_contain_the_triangles_there() -> None:
     sides = list(cut_halves(shape))
     assert len(sides) == 9
     for pair in sides:
-        within = [
-            ((points @ directions.T) < (one.centres @ directions.T).max(axis=0) + 1e-9).all(axis=1) for one in pair
-        ]
+        within = [((points @ directions.T) < (x.centres @ directions.T).max(axis=0) + 1e-9).all(axis=1) for x in pair]
         assert np.logical_or(*within).all()
 
 
@@ -56,20 +54,20 @@ def test_an_outline_encloses_the_shape_and_points_outwards(shape, true) -> None:
     placed = at("0.3 -0.2 1.0", shape).replace("<origin", '<origin rpy="0.3 0.2 0.1"')
     bodies = dy.RigidBodies(urdf(shaped("base"), shaped("arm", placed), joint("one", "revolute", "base", "arm")))
     geometry = build_geometry(bodies)
-    (found,) = outlines(geometry, ())
-    assert (found.link, found.body) == ("arm", 0)
-    assert 0.8 * true < volume(found.mesh) < 1.0001 * true
-    assert found.mesh.vertices.mean(axis=0) == pytest.approx([0.3, -0.2, 1.0], abs=1e-9)
+    (result,) = outlines(geometry, ())
+    assert (result.link, result.body) == ("arm", 0)
+    assert 0.8 * true < volume(result.mesh) < 1.0001 * true
+    assert result.mesh.vertices.mean(axis=0) == pytest.approx([0.3, -0.2, 1.0], abs=1e-9)
 
 
 def test_links_of_unknown_shape_are_drawn_as_capsules() -> None:
     geometry = build_geometry(dy.RigidBodies(ARM))
     capsules = body_capsules(geometry)
-    found = outlines(geometry, capsules)
-    assert [one.body for one in found] == [0, 1, 2]
-    for one, capsule in zip(found, capsules, strict=True):
+    result = outlines(geometry, capsules)
+    assert [x.body for x in result] == [0, 1, 2]
+    for case, capsule in zip(result, capsules, strict=True):
         true = np.pi * capsule.radius**2 * (np.linalg.norm(capsule.end - capsule.start) + 4 / 3 * capsule.radius)
-        assert 0.8 * true < volume(one.mesh) < true
+        assert 0.8 * true < volume(case.mesh) < true
 
 
 def test_without_capsules_they_are_rods_the_last_one_to_its_centre_of_mass() -> None:
@@ -89,8 +87,8 @@ def test_a_mesh_of_many_triangles_becomes_one_of_few() -> None:
     here = np.arange(len(points)).reshape(80, 60)
     right = np.roll(here, -1, axis=0)
     squares = [(here[:, :-1], right[:, :-1], right[:, 1:]), (here[:, :-1], right[:, 1:], here[:, 1:])]
-    mesh = Mesh(points, np.concatenate([np.stack(one, axis=-1).reshape(-1, 3) for one in squares]))
-    found = simplify_mesh(mesh, 500)
-    assert 100 < len(found.triangles) <= 500
-    assert volume(found) == pytest.approx(volume(mesh), rel=0.15)
-    assert simplify_mesh(found, 500) is found
+    mesh = Mesh(points, np.concatenate([np.stack(square, axis=-1).reshape(-1, 3) for square in squares]))
+    result = simplify_mesh(mesh, 500)
+    assert 100 < len(result.triangles) <= 500
+    assert volume(result) == pytest.approx(volume(mesh), rel=0.15)
+    assert simplify_mesh(result, 500) is result

@@ -61,11 +61,13 @@ def test_moved_is_that_of_pinocchio():
 
 
 def test_moved_is_linear_so_that_any_parameters_will_do():
-    one, other = np.random.default_rng(1).normal(size=(2, 10))
-    one[0] = -other[0]
+    first, second = np.random.default_rng(1).normal(size=(2, 10))
+    first[0] = -second[0]
     T = pinocchio.SE3(pinocchio.utils.rpyToMatrix(1.0, 0.2, 0.3), np.ones(3)).homogeneous
-    np.testing.assert_allclose(change_frame(one + other, T), change_frame(one, T) + change_frame(other, T), atol=1e-13)
-    assert change_frame(one + other, T)[0] == 0
+    np.testing.assert_allclose(
+        change_frame(first + second, T), change_frame(first, T) + change_frame(second, T), atol=1e-13
+    )
+    assert change_frame(first + second, T)[0] == 0
 
 
 def test_bodies_violate_nothing_and_have_positive_pseudo_inertias():

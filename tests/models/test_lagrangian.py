@@ -49,8 +49,8 @@ def one_joint(kinetic, potential=0, unknowns=MASS, **changes):
 def test_groups_of_the_article(arm):
     """Eq. (40), theta1 to theta5, in this order."""
     groups = arm().parameters[:5]
-    found = [(p.name, sp.sympify(p.expression, locals={"I1": I1, "I2": I2}), p.unit) for p in groups]
-    assert found == [
+    result = [(p.name, sp.sympify(p.expression, locals={"I1": I1, "I2": I2}), p.unit) for p in groups]
+    assert result == [
         ("theta1", m1 * lc1**2 + I1 + m2 * l1**2, "kg m^2"),
         ("theta2", m2 * lc2**2 + I2, "kg m^2"),
         ("theta3", m2 * l1 * lc2, "kg m^2"),
@@ -63,11 +63,11 @@ def test_groups_of_the_article(arm):
 def test_mass_and_bias_are_those_of_the_regressor(rows):
     arm, theta = article_arm(), np.arange(1.0, 6.0)
     q, dq = np.random.default_rng(4).normal(size=(2, rows, 2))
-    still, units = np.zeros((rows, 2)), [np.tile(one, (rows, 1)) for one in np.eye(2)]
+    still, units = np.zeros((rows, 2)), [np.tile(x, (rows, 1)) for x in np.eye(2)]
     bias = arm.regressor(q, dq, still) @ theta
-    mass = np.stack([arm.regressor(q, dq, one) @ theta - bias for one in units], axis=2)
-    for found, expected in zip(arm.mass_and_bias(q, dq, theta), (mass, bias), strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+    mass = np.stack([arm.regressor(q, dq, unit) @ theta - bias for unit in units], axis=2)
+    for result, expected in zip(arm.mass_and_bias(q, dq, theta), (mass, bias), strict=True):
+        np.testing.assert_allclose(result, expected, rtol=1e-12, atol=1e-12)
 
 
 def test_order_of_declaration_does_not_move_the_groups():

@@ -38,8 +38,8 @@ def test_a_motion_carries_what_is_remembered_of_it():
 def test_a_shift_interpolates_what_is_remembered():
     motion = HYSTERETIC.remembering(swinging())
     step = motion.t[1]
-    late = motion.shift(3 * step)
-    np.testing.assert_allclose(late.memory[:-4], motion.memory[3:-1], atol=1e-9)
+    delayed = motion.shift(3 * step)
+    np.testing.assert_allclose(delayed.memory[:-4], motion.memory[3:-1], atol=1e-9)
     half = motion.shift(0.5 * step).memory
     np.testing.assert_allclose(half[:-1], (motion.memory[1:] + motion.memory[:-1]) / 2, atol=1e-12)
 
@@ -52,8 +52,8 @@ def test_blocks_have_the_columns_of_the_whole(model, monkeypatch):
     motion = replace(motion, mask=(motion.t < 3.0) | (motion.t > 3.4))
     blocks = list(Regression(model, (motion,)).blocks())
     assert len(blocks) > 2
-    whole = model.regressor(**motion.states())[motion.mask]
-    np.testing.assert_allclose(np.concatenate([one.Y for one in blocks]), whole, rtol=1e-12, atol=1e-12)
+    regressor = model.regressor(**motion.states())[motion.mask]
+    np.testing.assert_allclose(np.concatenate([block.Y for block in blocks]), regressor, rtol=1e-12, atol=1e-12)
 
 
 def test_a_motion_without_its_memory_is_refused():
@@ -83,8 +83,8 @@ def test_the_load_is_the_torque_of_the_bodies():
     theta = np.array([0.1, 0.2, 5.0, 7.0])
     model, motion = LOADED.with_load(theta), swinging()
     assert model.load == (0.1, 0.2)
-    found = model.remembering(motion).memory
-    np.testing.assert_allclose(found, pendulum().torque(**motion.states(), theta=theta[:2]))
+    memory = model.remembering(motion).memory
+    np.testing.assert_allclose(memory, pendulum().torque(**motion.states(), theta=theta[:2]))
     assert not LOADED.remembering(motion).memory.any(), "there is none without a first fit"
 
 

@@ -36,8 +36,8 @@ def test_theta_per_sample_equals_one_call_per_sample():
     thetas = arm.values * RNG.uniform(0.9, 1.1, (7, 7))
     for k, theta in enumerate(thetas):
         row = slice(k, k + 1)
-        one = arm.torque(Q[row], DQ[row], DDQ[row], theta)
-        np.testing.assert_allclose(arm.torque(Q, DQ, DDQ, thetas)[row], one, rtol=1e-13, atol=1e-15)
+        case = arm.torque(Q[row], DQ[row], DDQ[row], theta)
+        np.testing.assert_allclose(arm.torque(Q, DQ, DDQ, thetas)[row], case, rtol=1e-13, atol=1e-15)
         np.testing.assert_allclose(arm.mass_matrix(Q, thetas)[row], arm.mass_matrix(Q[row], theta), rtol=1e-12)
 
 
@@ -83,8 +83,8 @@ def test_the_mass_matrix_comes_from_the_terms_that_have_it():
     for k, unit in enumerate(np.eye(3)):
         column = model.torque(q, dq, np.tile(unit, (5, 1)), theta) - bias
         np.testing.assert_allclose(mass[:, :, k], column, rtol=1e-11, atol=1e-11)
-    one, rest = model.mass_and_bias(q, dq, np.tile(theta, (5, 1)))
-    np.testing.assert_allclose(one, mass, rtol=1e-11, atol=1e-11)
+    case, rest = model.mass_and_bias(q, dq, np.tile(theta, (5, 1)))
+    np.testing.assert_allclose(case, mass, rtol=1e-11, atol=1e-11)
     np.testing.assert_allclose(rest, bias, rtol=1e-11, atol=1e-11)
 
 
@@ -170,7 +170,10 @@ def test_further_terms_join_a_model():
     model = two_link_arm()
     rich = model.with_terms(RotorInertia(model.joints), Offset(model.joints))
     assert (rich.name, rich.terms[:-2]) == (model.name, model.terms)
-    assert rich.names == (*model.names, *(f"{kind}_{one.name}" for kind in ("Ia", "offset") for one in model.joints))
+    assert rich.names == (
+        *model.names,
+        *(f"{kind}_{joint.name}" for kind in ("Ia", "offset") for joint in model.joints),
+    )
     assert len(model.with_terms().terms) == len(model.terms)
     with pytest.raises(ModelError, match="give all terms the same joints"):
         model.with_terms(Offset((Joint("other"),)))

@@ -15,10 +15,10 @@ from tests.robots import joint as joint_of
 few = settings(max_examples=20, deadline=None)
 
 
-def jacobians(found, body, points):
+def jacobians(result, body, points):
     """The derivatives (N, P, 3, n) by q of points (N, P, 3) that are fixed to their bodies."""
     return np.stack(
-        [found.project_on_joints(body, points, np.broadcast_to(one, points.shape)) for one in np.eye(3)], axis=2
+        [result.project_on_joints(body, points, np.broadcast_to(x, points.shape)) for x in np.eye(3)], axis=2
     )
 
 
@@ -27,12 +27,12 @@ def jacobians(found, body, points):
 def test_any_tree_is_where_pinocchio_says(seed, count):
     bodies, theta = random_bodies(seed, count)
     (q, _, _), judge = random_states(bodies, seed, 3), Judge(bodies, theta)
-    found = bodies.placements(q)
+    result = bodies.placements(q)
     for i, moved in enumerate(bodies.arm.body_states(q, q, q)[0]):
         pin.forwardKinematics(judge.model, judge.data, moved)
         for k, place in enumerate(list(judge.data.oMi)[1:]):
-            assert_same(found.rotations[i, k], place.rotation)
-            assert_same(found.origins[i, k], place.translation)
+            assert_same(result.rotations[i, k], place.rotation)
+            assert_same(result.origins[i, k], place.translation)
 
 
 @few
@@ -41,15 +41,15 @@ def test_points_move_with_their_joints(seed, count):
     bodies, _ = random_bodies(seed, count)
     rng, (q, _, _), h = np.random.default_rng(seed), random_states(bodies, seed, 3), 1e-5
     body, local = rng.integers(-1, count, 6), rng.normal(size=(6, 3))
-    found = bodies.placements(q)
-    points = found.points(body, local)
-    J = jacobians(found, body, points)
+    result = bodies.placements(q)
+    points = result.points(body, local)
+    J = jacobians(result, body, points)
     for k in range(q.shape[1]):
         step = h * np.eye(q.shape[1])[k]
-        ahead, behind = (bodies.placements(one).points(body, local) for one in (q + step, q - step))
+        ahead, behind = (bodies.placements(x).points(body, local) for x in (q + step, q - step))
         assert_same(J[..., k], (ahead - behind) / (2 * h), 1e-8)
     along = rng.normal(size=points.shape)
-    assert_same(found.project_on_joints(body, points, along), np.einsum("ipck,ipc->ipk", J, along))
+    assert_same(result.project_on_joints(body, points, along), np.einsum("ipck,ipc->ipk", J, along))
 
 
 def test_the_base_stands_where_the_file_says():

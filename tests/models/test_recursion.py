@@ -24,8 +24,8 @@ def test_any_tree_has_the_dynamics_of_pinocchio(seed, count):
     Y = judge.regressor(*state)
     assert_same(mine.regressor(*state), Y)
     assert_same(mine.torque(*state, values), judge.torque(*state))
-    for found, expected in zip(mine.partials(*state, values), judge.partials(*state), strict=True):
-        assert_same(found, expected)
+    for result, expected in zip(mine.partials(*state, values), judge.partials(*state), strict=True):
+        assert_same(result, expected)
     mass, bias = mine.mass_and_bias(*state[:2], values)
     assert_same(mass, judge.mass(state[0]))
     assert_same(bias, judge.torque(*state[:2], 0 * state[0]))
@@ -43,18 +43,18 @@ def test_weighted_sums_change_as_the_torques(seed, count):
     weights = np.random.default_rng(seed).normal(size=mine.regressor(*state).shape)
     expected = np.zeros((3, *state[0].shape))
     for joint in range(weights.shape[1]):
-        for i, one in enumerate(full(bodies, row) for row in weights[:, joint]):
-            expected[:, i] += mine.partials(*(x[i : i + 1] for x in state), one)[:, 0, joint]
+        for i, case in enumerate(full(bodies, row) for row in weights[:, joint]):
+            expected[:, i] += mine.partials(*(x[i : i + 1] for x in state), case)[:, 0, joint]
     assert_same(mine.weighted_gradient(*state, weights), expected)
 
 
 def test_samples_in_parts_are_the_same(monkeypatch):
     bodies, theta = random_bodies(8, 5)
     state, mine, values = random_states(bodies, 9, 23), recursion_of(bodies), full(bodies, theta)
-    whole = mine.regressor(*state), mine.torque(*state, values), mine.partials(*state, values)
-    slope = mine.weighted_gradient(*state, whole[0])
+    total = mine.regressor(*state), mine.torque(*state, values), mine.partials(*state, values)
+    slope = mine.weighted_gradient(*state, total[0])
     monkeypatch.setattr(recursion, "AT_ONCE", 20)
-    assert_same(mine.regressor(*state), whole[0], 1e-15)
-    assert_same(mine.torque(*state, values), whole[1], 1e-15)
-    assert_same(mine.partials(*state, values), whole[2], 1e-15)
-    assert_same(mine.weighted_gradient(*state, whole[0]), slope, 1e-15)
+    assert_same(mine.regressor(*state), total[0], 1e-15)
+    assert_same(mine.torque(*state, values), total[1], 1e-15)
+    assert_same(mine.partials(*state, values), total[2], 1e-15)
+    assert_same(mine.weighted_gradient(*state, total[0]), slope, 1e-15)

@@ -45,21 +45,21 @@ def test_the_kernel_is_numpy(compiled, seed):
     values = recursion_of(bodies).layout.expand_parameters(theta)
     for samples in SAMPLES[seed % 3 :: 3]:
         state = random_states(bodies, seed, samples)
-        found = everything(recursion_of(bodies, compiled), state, values)
-        for one, other in zip(found, everything(recursion_of(bodies), state, values), strict=True):
-            assert_same(one, other, 1e-13)
+        result = everything(recursion_of(bodies, compiled), state, values)
+        for first, second in zip(result, everything(recursion_of(bodies), state, values), strict=True):
+            assert_same(first, second, 1e-13)
 
 
 def test_all_levels_give_the_same_bits(monkeypatch):
     bodies, theta = random_bodies(3, 9)
     values, state = recursion_of(bodies).layout.expand_parameters(theta), random_states(bodies, 1, 45)
-    found = []
+    result = []
     for name in BEST:
         monkeypatch.setattr(recursion_kernel, "function", functions_of(name))
-        found.append(everything(recursion_of(bodies, CompiledRecursion), state, values))
-    for other in found[1:]:
-        for one, same in zip(found[0], other, strict=True):
-            np.testing.assert_array_equal(one, same)
+        result.append(everything(recursion_of(bodies, CompiledRecursion), state, values))
+    for other in result[1:]:
+        for case, same in zip(result[0], other, strict=True):
+            np.testing.assert_array_equal(case, same)
 
 
 @pytest.mark.parametrize("size", [1e-300, 1e-8, 1.0, 100.0, 4.9e5, 6e5, 1e15])
@@ -68,8 +68,8 @@ def test_angles_of_any_size(compiled, size):
     rng = np.random.default_rng(0)
     q = np.concatenate((rng.uniform(-size, size, 400), size * rng.choice([-1, 1], 7), np.arange(-40, 40) * np.pi / 2))
     rest = np.zeros((len(q), 1))
-    found, expected = (recursion_of(bodies, kind).regressor(q[:, None], rest, rest) for kind in (compiled, Recursion))
-    assert_same(found, expected, 1e-15)
+    result, expected = (recursion_of(bodies, kind).regressor(q[:, None], rest, rest) for kind in (compiled, Recursion))
+    assert_same(result, expected, 1e-15)
 
 
 def test_what_is_not_a_number_stays_in_its_sample(compiled):
@@ -78,7 +78,7 @@ def test_what_is_not_a_number_stays_in_its_sample(compiled):
     values = mine.layout.expand_parameters(theta)
     good = mine.torque(*state, values)
     for which in range(3):
-        bad = [one.copy() for one in state]
+        bad = [x.copy() for x in state]
         bad[which][3, 2] = np.nan
         tau = mine.torque(*bad, values)
         assert np.isnan(tau[3]).any()

@@ -77,7 +77,7 @@ def test_a_mimic_joint_stands_where_it_follows():
 def test_a_mimic_joint_moves_with_its_master():
     """Two fingers of 0.1 kg: the follower at 2 q + 0.01 weighs twice on the finger, and its inertia four times."""
     term = RigidBodies(GRIPPER, gravity=(0.0, -10.0, 0.0))
-    assert [one.name for one in term.joints] == ["elbow", "finger"]
+    assert [x.name for x in term.joints] == ["elbow", "finger"]
     assert [p.body for p in term.parameters[::10]] == ["arm", "left", "right"]
     assert list(term.limits) == list(RigidBodies(GRIPPER, locked={"follower": 0.0}).limits) == ["elbow", "finger"]
     rest, pull = np.zeros((1, 2)), np.array([[0.0, 1.0]])
@@ -87,8 +87,8 @@ def test_a_mimic_joint_moves_with_its_master():
     swapped = RigidBodies(GRIPPER, joints_used=("finger", "elbow"), gravity=(0.0, -10.0, 0.0))
     assert [p.body for p in swapped.parameters[::10]] == ["left", "arm", "right"]
     state = np.random.default_rng(0).normal(size=(3, 4, 2))
-    one, other = term.torque(*state, values(term)), swapped.torque(*state[:, :, ::-1], values(swapped))
-    np.testing.assert_allclose(other, one[:, ::-1], rtol=1e-12)
+    first, second = term.torque(*state, values(term)), swapped.torque(*state[:, :, ::-1], values(swapped))
+    np.testing.assert_allclose(second, first[:, ::-1], rtol=1e-12)
 
 
 def test_a_joint_of_an_unknown_master_matters_only_where_it_moves():
@@ -157,9 +157,9 @@ def test_unknown_inertia_is_not_zero():
 def test_implausible_inertias_are_noted(old, new, note):
     """They are only nominal: no error, and a regressor as good as ever."""
     term, state = RigidBodies(ARM.replace(old, new), source="arm.urdf"), np.ones((1, 3))
-    (found,) = term.notes
-    assert found.startswith("arm.urdf: ")
-    assert re.search(note, found)
+    (test_note,) = term.notes
+    assert test_note.startswith("arm.urdf: ")
+    assert re.search(note, test_note)
     np.testing.assert_array_equal(term.regressor(*[state] * 3), RigidBodies(ARM).regressor(*[state] * 3))
 
 
@@ -168,8 +168,8 @@ def test_merged_inertias_are_exact_even_where_masses_cancel():
         link("a"), link("b", 1.0, (1, 0, 0)), link("c", -1.0, (1, 0, 0)), joint("j", "revolute", "a", "b"),
         joint("f", "fixed", "b", "c", (0, 0, 1)),
     )  # fmt: skip
-    one, other = (from_physical(1.0, np.array(c), 0.1 * np.eye(3)) for c in ([1.0, 0, 0], [1.0, 0, 1.0]))
-    np.testing.assert_allclose(values(RigidBodies(text)), one - other, atol=1e-15)
+    first, second = (from_physical(1.0, np.array(c), 0.1 * np.eye(3)) for c in ([1.0, 0, 0], [1.0, 0, 1.0]))
+    np.testing.assert_allclose(values(RigidBodies(text)), first - second, atol=1e-15)
 
 
 def test_what_an_mjcf_holds_besides_is_noted():
@@ -209,21 +209,21 @@ def test_neither_pinocchio_nor_sympy_is_needed():
 
 
 def test_bodies_under_another_gravity_share_their_tree():
-    one = RigidBodies(ARM)
-    other = one.with_gravity((1.0, 2.0, 3.0))
-    assert other.recursion.tree is one.recursion.tree
-    moved = one.with_displacement("rail", (0.1,) * 9)
-    assert moved.recursion.layout is one.recursion.layout
-    assert moved.parameters == one.parameters
+    case = RigidBodies(ARM)
+    other = case.with_gravity((1.0, 2.0, 3.0))
+    assert other.recursion.tree is case.recursion.tree
+    moved = case.with_displacement("rail", (0.1,) * 9)
+    assert moved.recursion.layout is case.recursion.layout
+    assert moved.parameters == case.parameters
 
 
 def test_states_of_any_layout_and_type():
     """Integers, columns of a larger array, and Fortran's order."""
     term, rng = RigidBodies(ARM), np.random.default_rng(0)
-    whole = rng.integers(-3, 3, (3, 9, 6))
-    parts = [one[::2, ::2] for one in whole]
-    plain = [np.array(one, dtype=float, order="C") for one in parts]
-    fortran = [np.asfortranarray(one) for one in plain]
+    full = rng.integers(-3, 3, (3, 9, 6))
+    parts = [x[::2, ::2] for x in full]
+    plain = [np.array(part, dtype=float, order="C") for part in parts]
+    fortran = [np.asfortranarray(x) for x in plain]
     expected = term.regressor(*plain)
     np.testing.assert_array_equal(term.regressor(*parts), expected)
     np.testing.assert_array_equal(term.regressor(*fortran), expected)

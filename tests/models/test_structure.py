@@ -86,7 +86,7 @@ def arm(gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)) -> Model:
 def recovered(structure: Structure, model: Model, *states: Array) -> Array:
     entries = model.entries(*states, structure.joint, structure.parameter)
     parts = zip(structure.parts, structure.maps, strict=True)
-    return np.stack([entries[part].T @ one for part, one in parts], axis=1)
+    return np.stack([entries[part].T @ x for part, x in parts], axis=1)
 
 
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (0.3, -0.2, -9.8), (0.0, 0.0, 0.0)])
@@ -131,4 +131,4 @@ def test_columns_are_dependent_only_to_rounding(step: float, kept: int) -> None:
 def test_chosen_columns_are_taken_where_they_have_support() -> None:
     model = arm()
     some = model.structure_with([0, 10, 35])
-    assert [one.tolist() for one in some.columns] == [[0, 10], [10], [35]]
+    assert [column.tolist() for column in some.columns] == [[0, 10], [10], [35]]

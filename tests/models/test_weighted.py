@@ -19,10 +19,10 @@ def test_a_term_that_remembers_is_at_constant_memory():
     model = Model((Viscous(JOINTS), Dahl(JOINTS, length=0.1)))
     state, memory = sample_states(3), np.random.default_rng(2).uniform(-1, 1, (6, 3))
     weights = np.random.default_rng(3).normal(size=(6, 3, 6))
-    slopes = [model.partials(*state, one, memory) for one in np.eye(6)]
-    expected = sum(np.einsum("ij,ijk->ik", weights[..., c], one.dq) for c, one in enumerate(slopes))
-    found = model.weighted_gradient(*state, weights, memory)
-    np.testing.assert_allclose(found[1], expected, atol=1e-13)
+    slopes = [model.partials(*state, x, memory) for x in np.eye(6)]
+    expected = sum(np.einsum("ij,ijk->ik", weights[..., c], x.dq) for c, x in enumerate(slopes))
+    result = model.weighted_gradient(*state, weights, memory)
+    np.testing.assert_allclose(result[1], expected, atol=1e-13)
     with pytest.raises(ModelError, match="memory"):
         model.weighted_gradient(*state, weights)
 
@@ -58,15 +58,15 @@ class Doubled(Own):
 
 def test_other_derivatives_come_with_another_gradient():
     state, weights = sample_states(2), np.ones((6, 2, 2))
-    found = Model((Doubled((Joint("a"), Joint("b"))),)).weighted_gradient(*state, weights)
-    np.testing.assert_array_equal(found, [np.zeros((6, 2)), np.full((6, 2), 2.0), np.zeros((6, 2))])
+    result = Model((Doubled((Joint("a"), Joint("b"))),)).weighted_gradient(*state, weights)
+    np.testing.assert_array_equal(result, [np.zeros((6, 2)), np.full((6, 2), 2.0), np.zeros((6, 2))])
 
 
 def test_a_term_may_have_its_own():
     term = Own((Joint("a"), Joint("b")), gives=5.0)
     state, weights = sample_states(2), np.ones((6, 2, 2))
-    found = Model((term,)).weighted_gradient(*state, weights)
-    assert found.sum() == found[1, 2, 1] == 5.0
+    result = Model((term,)).weighted_gradient(*state, weights)
+    assert result.sum() == result[1, 2, 1] == 5.0
     with pytest.raises(ModelError, match=r"weighted gradient of term Own has shape \(2, 6, 2\)"):
         Model((replace(term, gives=2.0),)).weighted_gradient(*state, weights)
     with pytest.raises(ModelError, match="returned nan at sample 2 in its weighted gradient, joint 'b'"):

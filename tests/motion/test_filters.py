@@ -72,12 +72,12 @@ def test_one_pole_is_lfilter(level: str) -> None:
 @pytest.mark.skipif(len(BEST) < 2, reason="there is only one level here")
 def test_all_levels_give_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     x, sections = np.random.default_rng(0).normal(size=(11, 321)), butterworth(5, 9.0, 100.0)
-    found = []
+    result = []
     for name in BEST:
         monkeypatch.setattr(filters, "function", functions_of(name))
-        found.append(zero_phase(sections, x, 15))
-    for other in found[1:]:
-        np.testing.assert_array_equal(found[0], other)
+        result.append(zero_phase(sections, x, 15))
+    for other in result[1:]:
+        np.testing.assert_array_equal(result[0], other)
 
 
 @pytest.mark.parametrize(("samples", "length"), [(1000, 64), (1001, 77), (50, 50)])

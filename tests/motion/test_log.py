@@ -18,9 +18,9 @@ def motion(count: int, first: int = 0) -> Motion:
 
 
 def test_samples_are_spread_over_the_usable_ones_of_all_motions() -> None:
-    one, other = subsample([motion(1000, 500), motion(100)], 100)
-    np.testing.assert_array_equal(one, np.arange(500, 1000, 6))
-    np.testing.assert_array_equal(other, np.arange(0, 100, 6))
+    first, second = subsample([motion(1000, 500), motion(100)], 100)
+    np.testing.assert_array_equal(first, np.arange(500, 1000, 6))
+    np.testing.assert_array_equal(second, np.arange(0, 100, 6))
     np.testing.assert_array_equal(subsample([motion(30, 10)], 100)[0], np.arange(10, 30))
 
 
@@ -31,12 +31,12 @@ def test_samples_keep_their_distance_from_the_ends() -> None:
 
 @pytest.mark.parametrize(("count", "share"), [(5, 0.25), (3, 1.0), (1, 0.5)])
 def test_pieces_cover_their_share_of_a_stretch(count: int, share: float) -> None:
-    found = spread_pieces(slice(100, 1000), count, share)
-    assert len(found) == count
-    assert found[0].start == 100
-    assert found[-1].stop <= 1000
-    assert sum(one.stop - one.start for one in found) == pytest.approx(900 * share, abs=count)
-    assert all(left.stop <= right.start for left, right in itertools.pairwise(found))
+    result = spread_pieces(slice(100, 1000), count, share)
+    assert len(result) == count
+    assert result[0].start == 100
+    assert result[-1].stop <= 1000
+    assert sum(x.stop - x.start for x in result) == pytest.approx(900 * share, abs=count)
+    assert all(left.stop <= right.start for left, right in itertools.pairwise(result))
 
 
 def test_thinned_motions_have_the_samples_of_subsample():
@@ -45,7 +45,7 @@ def test_thinned_motions_have_the_samples_of_subsample():
     rows = subsample([long, other], 100)
     np.testing.assert_array_equal(first.t, long.t[rows[0]])
     np.testing.assert_array_equal(second.q, other.q[rows[1]])
-    assert [len(one) for one in thin_motions([motion(1000, 999), motion(100)], 100)] == [100]
+    assert [len(thin_motion) for thin_motion in thin_motions([motion(1000, 999), motion(100)], 100)] == [100]
 
 
 def test_frames_name_each_column_by_signal_and_joint() -> None:

@@ -60,19 +60,19 @@ def write_bag(folder: Path, kind: str, states: list[State], name: str = "arm") -
     writer = Writer1(place) if kind == "bag" else Writer2(place, version=9, storage_plugin=plugin)
     encode = store.serialize_ros1 if kind == "bag" else store.serialize_cdr
     with writer:
-        topics = {one.topic: JOINT_STATE for one in states} | {"/oven": "my_msgs/msg/Oven"}
+        topics = {state.topic: JOINT_STATE for state in states} | {"/oven": "my_msgs/msg/Oven"}
         to = {topic: writer.add_connection(topic, msgtype, typestore=store) for topic, msgtype in topics.items()}
         oven = types["my_msgs/msg/Oven"](warmth=1.0, words="hot")
         writer.write(to["/oven"], START, encode(oven, "my_msgs/msg/Oven"))
-        for one in states:
-            stamp = 0 if one.stamp is None else START + one.stamp
+        for state in states:
+            stamp = 0 if state.stamp is None else START + state.stamp
             header = types["std_msgs/msg/Header"](
                 stamp=types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9),
                 frame_id="",
                 **({"seq": 0} if kind == "bag" else {}),
             )
-            values = (np.array(x, float) for x in (one.position, one.velocity, one.effort))
-            message = types[JOINT_STATE](header, list(one.names), *values)
-            received = one.stamp if one.received is None else one.received
-            writer.write(to[one.topic], START + (received or 0), encode(message, JOINT_STATE))
+            values = (np.array(x, float) for x in (state.position, state.velocity, state.effort))
+            message = types[JOINT_STATE](header, list(state.names), *values)
+            received = state.stamp if state.received is None else state.received
+            writer.write(to[state.topic], START + (received or 0), encode(message, JOINT_STATE))
     return place if kind == "bag" else place / f"{name}.{kind}"

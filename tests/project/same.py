@@ -21,21 +21,21 @@ LEFT_OUT: Mapping[type, tuple[str, ...]] = {
 }
 
 
-def assert_same(one: Any, other: Any, where: str = "result") -> None:
-    if is_dataclass(one):
-        assert type(one) is type(other), where
-        for field in fields(one):
-            if field.name not in LEFT_OUT.get(type(one), ()):
-                assert_same(getattr(one, field.name), getattr(other, field.name), f"{where}.{field.name}")
-    elif isinstance(one, Mapping):
-        assert one.keys() == other.keys(), where
-        for key, value in one.items():
+def assert_same(case: Any, other: Any, where: str = "result") -> None:
+    if is_dataclass(case):
+        assert type(case) is type(other), where
+        for field in fields(case):
+            if field.name not in LEFT_OUT.get(type(case), ()):
+                assert_same(getattr(case, field.name), getattr(other, field.name), f"{where}.{field.name}")
+    elif isinstance(case, Mapping):
+        assert case.keys() == other.keys(), where
+        for key, value in case.items():
             assert_same(value, other[key], f"{where}[{key!r}]")
-    elif isinstance(one, tuple):
-        assert len(one) == len(other), where
-        for k, value in enumerate(one):
+    elif isinstance(case, tuple):
+        assert len(case) == len(other), where
+        for k, value in enumerate(case):
             assert_same(value, other[k], f"{where}[{k}]")
-    elif isinstance(one, np.ndarray | float):
-        np.testing.assert_array_equal(np.asarray(other), np.asarray(one), err_msg=where)
+    elif isinstance(case, np.ndarray | float):
+        np.testing.assert_array_equal(np.asarray(other), np.asarray(case), err_msg=where)
     else:
-        assert one == other, where
+        assert case == other, where

@@ -63,14 +63,14 @@ NAMES = {  # role, joint, number, unit, rank
 
 @pytest.mark.parametrize("name", NAMES)
 def test_names_are_read(name):
-    found = read_name(name, JOINTS)
-    assert (found.role, found.joint, found.number, found.unit, found.rank) == NAMES[name]
+    test_name = read_name(name, JOINTS)
+    assert (test_name.role, test_name.joint, test_name.number, test_name.unit, test_name.rank) == NAMES[name]
 
 
 def test_columns_of_one_quantity_are_a_family():
     names = ["t", "q1", "q2", "q_d1", "tau_elbow", "tau_joint_1", "note"]
-    found = [(one.role, one.rank, dict(one.columns)) for one in families(names, JOINTS)]
-    assert found == [
+    result = [(family.role, family.rank, dict(family.columns)) for family in families(names, JOINTS)]
+    assert result == [
         ("time", 0, {None: "t"}),
         ("position", 0, {1: "q1", 2: "q2"}),
         ("position", -2, {1: "q_d1"}),
@@ -86,14 +86,14 @@ def test_columns_of_one_quantity_are_a_family():
     ],
 )
 def test_a_joint_that_slides_belongs_to_those_that_turn(names):
-    (found,) = families(names, JOINTS)
-    assert tuple(found.columns.values()) == names
-    assert found.units[names[0]] != found.units[names[2]]
+    (result,) = families(names, JOINTS)
+    assert tuple(result.columns.values()) == names
+    assert result.units[names[0]] != result.units[names[2]]
 
 
 def test_two_spellings_of_one_quantity_are_two_families():
     names = ["q1", "q2", "pos1", "pos2", "x_deg_1", "x_rad_2"]
-    assert [tuple(one.columns.values()) for one in families(names, JOINTS)] == [
+    assert [tuple(family.columns.values()) for family in families(names, JOINTS)] == [
         ("q1", "q2"),
         ("pos1", "pos2"),
         ("x_deg_1",),

@@ -55,8 +55,8 @@ def test_a_cascade_has_its_gains_and_references_from_the_file(tmp_path):
 def test_feedforward_is_that_of_the_recording_that_has_one_in_all_its_windows(tmp_path):
     recordings(tmp_path)
     config = config_of(tmp_path, CASCADE)
-    early, late = read_logs(config.validation[0], config, SLIDER).logs
-    for log, t in ((early, 0.2), (late, 0.8)):
+    early, delayed = read_logs(config.validation[0], config, SLIDER).logs
+    for log, t in ((early, 0.2), (delayed, 0.8)):
         at_rest = log.controller(t, np.array([np.sin(t)]), np.zeros(1))
         assert at_rest == pytest.approx(-2 * t)
 

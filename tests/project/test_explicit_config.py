@@ -80,21 +80,23 @@ def chosen(tmp_path_factory: pytest.TempPathFactory) -> Identification:
     return run(write(tmp_path_factory.mktemp("made") / "here"))
 
 
-def written(found: Identification, path: Path) -> Path:
+def written(identification: Identification, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(explicit_config(found, path, choice_comments(found, "robot.yaml")), encoding="utf-8")
+    path.write_text(
+        explicit_config(identification, path, choice_comments(identification, "robot.yaml")), encoding="utf-8"
+    )
     return path
 
 
-def assert_same_torque(found: Identification, again: Identification) -> None:
-    for one, other in zip(found.validations, again.validations, strict=True):
-        assert one.name == other.name
-        left = np.linalg.norm(one.predicted_torque - other.predicted_torque, axis=0)
-        assert (left <= 1e-6 * np.linalg.norm(one.predicted_torque, axis=0)).all()
+def assert_same_torque(identification: Identification, again: Identification) -> None:
+    for first, second in zip(identification.validations, again.validations, strict=True):
+        assert first.name == second.name
+        left = np.linalg.norm(first.predicted_torque - second.predicted_torque, axis=0)
+        assert (left <= 1e-6 * np.linalg.norm(first.predicted_torque, axis=0)).all()
 
 
 def test_it_repeats_the_result_from_another_folder(chosen: Identification, tmp_path: Path) -> None:
-    assert any("Load" in type(one).__name__ for one in chosen.model.terms)  # so that the load must come out again
+    assert any("Load" in type(term).__name__ for term in chosen.model.terms)  # so that the load must come out again
     path = written(chosen, tmp_path / "else where" / "fixed.yaml")
     again = run(path)
     assert again.calibration.terms is None
@@ -122,14 +124,14 @@ def test_comments_say_why_and_end_with_their_line(chosen: Identification, tmp_pa
     text = written(chosen, path).read_text(encoding="utf-8")
     choice = chosen.calibration.terms
     assert choice is not None
-    entered = [one for one in choice.trials if one.outcome.name == "ENTERED"]
+    entered = [trial for trial in choice.trials if trial.outcome.name == "ENTERED"]
     assert entered
-    assert all(f"gain {one.gain:.3g} +- " in text for one in entered if 0.1 < one.gain < 99.9)
+    assert all(f"gain {x.gain:.3g} +- " in text for x in entered if 0.1 < x.gain < 99.9)
 
 
 def test_settings_that_are_as_by_default_are_left_out(chosen: Identification, tmp_path: Path) -> None:
     terms = explicit_settings(chosen, tmp_path)["model"]["terms"]
-    assert all("names" not in one and "dead_band" not in one for one in terms)
+    assert all("names" not in term and "dead_band" not in term for term in terms)
     assert {"kind", "on"} <= terms[0].keys()
 
 
@@ -143,40 +145,40 @@ def test_a_term_of_the_user_beside_those_chosen_is_found_from_another_folder(tmp
     terms = ["auto", {"kind": "mine.py:Mine", "on": ["on"]}]
     path = write(tmp_path / "a", terms, **QUICK)
     (path.parent / "mine.py").write_text(MINE, encoding="utf-8")
-    found = run(path)
-    assert found.model.names.count("mine_on") == 1
-    assert found.calibration.terms is not None
-    assert found.calibration.terms.trials
-    explicit = written(found, tmp_path / "b" / "fixed.yaml")
+    outcome = run(path)
+    assert outcome.model.names.count("mine_on") == 1
+    assert outcome.calibration.terms is not None
+    assert outcome.calibration.terms.trials
+    explicit = written(outcome, tmp_path / "b" / "fixed.yaml")
     assert "../a/mine.py:Mine" in explicit.read_text(encoding="utf-8")
-    assert_same_torque(found, run(explicit))
+    assert_same_torque(outcome, run(explicit))
 
 
 def test_too_few_samples_leave_the_plain_set(tmp_path: Path) -> None:
-    found = run(write(tmp_path / "a", **QUICK | {"train": [{"file": "logs/mon: #day.csv", "window": [0, 2.5]}]}))
-    choice = found.calibration.terms
+    outcome = run(write(tmp_path / "a", **QUICK | {"train": [{"file": "logs/mon: #day.csv", "window": [0, 2.5]}]}))
+    choice = outcome.calibration.terms
     assert choice is not None
     assert choice.trials == ()
-    assert [type(one).__name__ for one in found.model.terms[1:]] == ["RotorInertia", "Viscous", "Coulomb", "Offset"]
-    again = load(found.save(tmp_path / "result.json"))
-    assert again.model.names == found.model.names
-    assert_same_torque(found, run(written(found, tmp_path / "b" / "fixed.yaml")))
+    assert [type(x).__name__ for x in outcome.model.terms[1:]] == ["RotorInertia", "Viscous", "Coulomb", "Offset"]
+    again = load(outcome.save(tmp_path / "result.json"))
+    assert again.model.names == outcome.model.names
+    assert_same_torque(outcome, run(written(outcome, tmp_path / "b" / "fixed.yaml")))
 
 
 def test_a_result_from_python_has_no_configuration() -> None:
     motion = recorded(simulated.none, 1)
     log = Log(motion.t, motion.q, motion.tau, motion.joints, "log")
-    found = identify(Model((bodies(), Offset(bodies().joints))), [log])
+    result = identify(Model((bodies(), Offset(bodies().joints))), [log])
     with pytest.raises(ConfigError, match="made from Python, without a configuration"):
-        explicit_config(found, Path("x.yaml"), {})
+        explicit_config(result, Path("x.yaml"), {})
 
 
 def test_a_result_without_terms_is_of_the_bodies_alone(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(ARM, encoding="utf-8")
     motion = recorded(simulated.none, 1)
     log = Log(motion.t, motion.q, motion.tau, motion.joints, "log")
-    found = dy.identify(tmp_path / "arm.urdf", log, estimator=dy.LeastSquares(), smoother=dy.Difference(), terms=None)
-    assert load(found.save(tmp_path / "result.json")).model.names == found.model.names == Model((bodies(),)).names
+    result = dy.identify(tmp_path / "arm.urdf", log, estimator=dy.LeastSquares(), smoother=dy.Difference(), terms=None)
+    assert load(result.save(tmp_path / "result.json")).model.names == result.model.names == Model((bodies(),)).names
 
 
 def test_other_sections_are_kept(tmp_path: Path) -> None:

@@ -125,7 +125,7 @@ def test_samples_are_equally_spaced_where_the_stamps_only_jitter(tmp_path):
     np.testing.assert_allclose(np.diff(spaced.logs[0].t), 0.01, rtol=2e-3)
     assert "a: samples are taken as equally spaced, at 99.991 Hz: the steps of the stamps" in spaced.warnings[0]
     np.testing.assert_allclose(kept.logs[0].t, np.arange(200) * 0.01 + jitter, atol=1e-6)
-    assert not any("equally spaced" in one for one in kept.warnings)
+    assert not any("equally spaced" in warning for warning in kept.warnings)
     np.testing.assert_array_equal(forced.logs[0].t, spaced.logs[0].t)
     with pytest.raises(ConfigError, match="spacing"):
         read(tmp_path, text, head=spacing("sometimes"))
@@ -220,8 +220,8 @@ def test_reference_positions_that_no_controller_uses_are_named_once(tmp_path, ki
     table = pl.DataFrame({"t": 0.01 * np.arange(200), "q": q, "tau": q, "q_ref": q, "tau_cmd": q, "dq_ref": q})
     getattr(table, f"write_{kind}")(tmp_path / f"a.{kind}")
     text = f"{HEAD}train: [{{file: a.{kind}}}]\nvalidation: [{{file: a.{kind}, window: [0, 1]}}]\n"
-    (found,) = logs.read_with_findings(parse_config(text, tmp_path), ELBOW)[1]
-    assert (found.message, found.severity) == (LoopUnused(("q_ref",)), Severity.INFO)
+    (with_finding,) = logs.read_with_findings(parse_config(text, tmp_path), ELBOW)[1]
+    assert (with_finding.message, with_finding.severity) == (LoopUnused(("q_ref",)), Severity.INFO)
     loop = "simulation: {kind: pd, joints: {elbow: {reference: {column: q_ref, unit: rad}, kp: 9, kd: 1}}}"
     assert logs.read_with_findings(parse_config(text + loop, tmp_path), ELBOW)[1] == ()
 
@@ -263,5 +263,5 @@ def test_a_recording_of_which_several_parts_are_used_is_read_once(tmp_path, monk
     """
     config = parse_config(textwrap.dedent(text), tmp_path)
     roles, _ = logs.read_with_findings(config, (Joint("a"),))
-    assert [len(one) for named in roles.values() for one in named.values()] == [31, 21, 30]
+    assert [len(value) for named in roles.values() for value in named.values()] == [31, 21, 30]
     assert len(read) == 1

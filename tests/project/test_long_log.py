@@ -40,10 +40,10 @@ def config(folder: Path, time: str = "column: t, unit: s", more: str = "", rest:
 def write(folder: Path, t: Any, size: int = 300, **columns: Any) -> Path:
     """Parts of ``size`` rows."""
     (folder / "day").mkdir(exist_ok=True)
-    whole = pl.DataFrame({"t": t, "q": np.rad2deg(np.sin(np.arange(len(t)) * STEP)), "f": np.arange(len(t)) * 1.0})
-    whole = whole.with_columns(**columns)
+    full = pl.DataFrame({"t": t, "q": np.rad2deg(np.sin(np.arange(len(t)) * STEP)), "f": np.arange(len(t)) * 1.0})
+    full = full.with_columns(**columns)
     for k, start in enumerate(range(0, len(t), size)):
-        whole[start : start + size].write_parquet(folder / "day" / f"{k}.parquet", row_group_size=100)
+        full[start : start + size].write_parquet(folder / "day" / f"{k}.parquet", row_group_size=100)
     return folder
 
 
@@ -54,19 +54,19 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def opened(given: Config) -> LongLog:
-    (found,) = long_logs(given, JOINTS)
-    return found
+    (result,) = long_logs(given, JOINTS)
+    return result
 
 
 @pytest.mark.usefixtures("small")
 @pytest.mark.parametrize("time", ["column: t, unit: s", "rate: 100"])
 def test_rows_of_any_parts_are_those_of_the_recording(tmp_path: Path, time: str) -> None:
-    found = pickle.loads(pickle.dumps(opened(config(write(tmp_path, times()), time))))
-    (whole,) = found.stretches
-    assert (whole.start, whole.stop, len(found), found.step) == (0, 1000, 1000, pytest.approx(STEP))
-    assert (whole.begins, whole.ends) == (0.0, pytest.approx(9.99))
+    content = pickle.loads(pickle.dumps(opened(config(write(tmp_path, times()), time))))
+    (stretch,) = content.stretches
+    assert (stretch.start, stretch.stop, len(content), content.step) == (0, 1000, 1000, pytest.approx(STEP))
+    assert (stretch.begins, stretch.ends) == (0.0, pytest.approx(9.99))
     for rows in (slice(0, 1000), slice(295, 650), slice(10, 20), slice(899, 901)):
-        log, kept = found.read(rows)
+        log, kept = content.read(rows)
         np.testing.assert_allclose(log.t, times()[rows])
         np.testing.assert_allclose(log.q[:, 0], np.sin(times()[rows]), atol=1e-15)
         np.testing.assert_array_equal(log.tau[:, 0], np.arange(1000.0)[rows])
@@ -82,17 +82,17 @@ def test_gaps_within_and_between_parts_are_said_and_split(tmp_path: Path) -> Non
     write(tmp_path, t)
     with pytest.raises(InputError, match=r"day: has 3 gaps, the longest from 2.99 to 8 s .*`gaps: split`"):
         opened(config(tmp_path))
-    found = opened(config(tmp_path, rest="gaps: split\n"))
-    assert [(one.start, one.stop) for one in found.stretches] == [(0, 300), (300, 650), (650, 980)]
-    assert [one.begins for one in found.stretches] == pytest.approx([0.0, 8.0, 13.5])
-    assert "has 3 gaps" in found.notes[0]
-    assert "20 samples between gaps are too few" in found.notes[1]
+    result = opened(config(tmp_path, rest="gaps: split\n"))
+    assert [(stretch.start, stretch.stop) for stretch in result.stretches] == [(0, 300), (300, 650), (650, 980)]
+    assert [stretch.begins for stretch in result.stretches] == pytest.approx([0.0, 8.0, 13.5])
+    assert "has 3 gaps" in result.notes[0]
+    assert "20 samples between gaps are too few" in result.notes[1]
 
 
 @pytest.mark.usefixtures("small")
 def test_windows_choose_rows(tmp_path: Path) -> None:
     given = config(write(tmp_path, times()), more=", window: [[1, 2.5], [2.51, 7.005]]")
-    assert [(one.start, one.stop) for one in opened(given).stretches] == [(100, 251), (251, 701)]
+    assert [(stretch.start, stretch.stop) for stretch in opened(given).stretches] == [(100, 251), (251, 701)]
     with pytest.raises(InputError, match="nothing of the recording is left"):
         opened(config(tmp_path, more=", window: [20, 30]"))
 
@@ -119,11 +119,11 @@ def test_repeated_rows_are_left_out(tmp_path: Path) -> None:
 def test_dates_count_from_the_first_of_the_recording(tmp_path: Path) -> None:
     start = pl.datetime(2024, 5, 1, 23, 59, 56)
     t = pl.select(pl.datetime_range(start, start + pl.duration(milliseconds=9990), "10ms")).to_series()
-    found = opened(config(write(tmp_path, t)))
-    (whole,) = found.stretches
-    assert whole.ends - whole.begins == pytest.approx(9.99)
-    log, _ = found.read(slice(700, 800))
-    np.testing.assert_allclose(log.t - whole.begins, times()[700:800], atol=1e-6)
+    result = opened(config(write(tmp_path, t)))
+    (stretch,) = result.stretches
+    assert stretch.ends - stretch.begins == pytest.approx(9.99)
+    log, _ = result.read(slice(700, 800))
+    np.testing.assert_allclose(log.t - stretch.begins, times()[700:800], atol=1e-6)
 
 
 @pytest.mark.usefixtures("small")
@@ -146,11 +146,11 @@ def test_times_that_do_not_go_on_are_refused(tmp_path: Path, change: tuple[slice
 def test_a_value_that_cannot_be_used_is_named_by_its_file_and_row(tmp_path: Path) -> None:
     bad = np.sin(times())
     bad[450] = np.nan
-    found = opened(config(write(tmp_path, times(), q=pl.Series(bad))))
+    result = opened(config(write(tmp_path, times(), q=pl.Series(bad))))
     with pytest.raises(InputError, match=r"1\.parquet: column 'q' is empty or NaN at row 151"):
-        found.read(slice(400, 500))
+        result.read(slice(400, 500))
     with pytest.raises(InputError, match=r"0\.parquet from row 251 on: column 'q' is empty or NaN at row 201"):
-        found.read(slice(250, 500))
+        result.read(slice(250, 500))
 
 
 def test_what_is_long_depends_on_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -50,9 +50,9 @@ def table(samples: int, seed: int) -> pl.DataFrame:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("long")
     (made / "day").mkdir()
-    whole = table(SAMPLES, 0)
+    full = table(SAMPLES, 0)
     for k in range(4):
-        whole[k * 11_000 : (k + 1) * 11_000].write_parquet(made / "day" / f"part{k}.parquet")
+        full[k * 11_000 : (k + 1) * 11_000].write_parquet(made / "day" / f"part{k}.parquet")
     table(3000, 1).write_parquet(made / "tuesday.parquet")
     (made / "robot.yaml").write_text(TEXT)
     return made
@@ -74,35 +74,35 @@ def ready(folder: Path) -> PiecePlan:
 
 
 @pytest.fixture(scope="module")
-def found(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Identification:
+def identification(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Identification:
     return read_project(folder / "robot.yaml").identify(folder=tmp_path_factory.mktemp("kept"))
 
 
-def test_the_result_is_that_of_the_recording_in_memory(folder: Path, found: Identification) -> None:
+def test_the_result_is_that_of_the_recording_in_memory(folder: Path, identification: Identification) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DYNIDENT_MEMORY", "1")
-        whole = read_project(folder / "robot.yaml").identify()
-    assert whole.estimate.residual.pieces is None
-    std = whole.errors.std
-    assert (np.abs(found.estimate.value - whole.estimate.value) < 1e-3 * std).all()
-    assert np.allclose(found.errors.std, std, rtol=0.7)
-    assert found.estimate.residual.samples == pytest.approx(whole.estimate.residual.samples, abs=30)
-    (_, held), (_, expected) = found.validations, whole.validations
+        result = read_project(folder / "robot.yaml").identify()
+    assert result.estimate.residual.pieces is None
+    std = result.errors.std
+    assert (np.abs(identification.estimate.value - result.estimate.value) < 1e-3 * std).all()
+    assert np.allclose(identification.errors.std, std, rtol=0.7)
+    assert identification.estimate.residual.samples == pytest.approx(result.estimate.residual.samples, abs=30)
+    (_, held), (_, expected) = identification.validations, result.validations
     assert held.errors.relative_error == pytest.approx(expected.errors.relative_error, rel=0.02)  # is smoothed as `day`
-    assert [Path(one.path).name for one in found.provenance.logs][:4] == [f"part{k}.parquet" for k in range(4)]
+    assert [Path(log.path).name for log in identification.provenance.logs][:4] == [f"part{k}.parquet" for k in range(4)]
 
 
-def test_what_is_left_in_the_pieces_is_saved_and_reported(found: Identification, tmp_path: Path) -> None:
-    pieces = found.estimate.residual.pieces
+def test_what_is_left_in_the_pieces_is_saved_and_reported(identification: Identification, tmp_path: Path) -> None:
+    pieces = identification.estimate.residual.pieces
     assert pieces is not None
     assert pieces.rows.shape == (4, 1)
-    assert sum(isinstance(one, InPieces) for one in found.notes) == 1
-    again = load(found.save(tmp_path / "result.json"))
+    assert sum(isinstance(note, InPieces) for note in identification.notes) == 1
+    again = load(identification.save(tmp_path / "result.json"))
     saved = again.estimate.residual.pieces
     assert saved is not None
     for name in ("begins", "ends", "rows", "torque", "residual"):
         np.testing.assert_array_equal(getattr(saved, name), getattr(pieces, name))
-    page = identification_page(found)
+    page = identification_page(identification)
     assert "The whole recording" in page
     assert "all 40,000 samples" in page
 
@@ -132,10 +132,10 @@ def test_what_was_done_is_not_done_again(ready: PiecePlan, tmp_path: Path) -> No
         reduce_pieces(replace(ready, reducer=first), tmp_path / "pieces.parquet")  # type: ignore[arg-type]
     steps: list[Any] = []
     with progress_to(steps.append):
-        found = reduce_pieces(replace(ready, reducer=second), tmp_path / "pieces.parquet")  # type: ignore[arg-type]
+        identification = reduce_pieces(replace(ready, reducer=second), tmp_path / "pieces.parquet")  # type: ignore[arg-type]
     assert (len(first.done), len(second.done)) == (3, 1)
-    assert [(one.completed, one.total) for one in steps] == [(4, 4)]
-    assert [one.factors for one in found] == [one.factors for one in reduce_pieces(ready, None)]
+    assert [(step.completed, step.total) for step in steps] == [(4, 4)]
+    assert [x.factors for x in identification] == [reduce_piece.factors for reduce_piece in reduce_pieces(ready, None)]
 
 
 def test_a_piece_that_fails_is_named_and_the_rest_is_kept(ready: PiecePlan, tmp_path: Path) -> None:
@@ -165,7 +165,7 @@ def test_the_name_of_the_table_follows_from_all_that_its_factors_depend_on(ready
         replace(ready, reducer=replace(ready.reducer, without_rests=not ready.reducer.without_rests)),
         replace(ready, reducer=replace(ready.reducer, recipe=replace(ready.reducer.recipe, min_speed=0.1))),
     ]
-    names = {pieces_name(one, recordings) for one in other}  # type: ignore[arg-type]
+    names = {pieces_name(x, recordings) for x in other}  # type: ignore[arg-type]
     os.utime(folder / "day" / "part1.parquet", (1, 1))
     assert len({name, *names, pieces_name(ready, recordings)}) == 5  # type: ignore[arg-type]
 

@@ -37,19 +37,19 @@ def test_a_project_reads_no_recording_before_it_is_asked(tmp_path: Path) -> None
 def test_a_run_says_each_step_what_it_read_and_what_to_doubt(config: Path) -> None:
     steps: list[str] = []
     with progress_to(steps.append):
-        found = run(str(config))
+        outcome = run(str(config))
     assert steps[0] == "building the model"
     assert any(step.startswith("validating") for step in steps)
-    np.testing.assert_allclose(found.estimate.value, [5.0, 8.0, 3.0, 0.5], rtol=0.01)
-    assert found.provenance.configuration is not None
-    assert found.provenance.configuration.text == config.read_text()
+    np.testing.assert_allclose(outcome.estimate.value, [5.0, 8.0, 3.0, 0.5], rtol=0.01)
+    assert outcome.provenance.configuration is not None
+    assert outcome.provenance.configuration.text == config.read_text()
     digest = hashlib.sha256((config.parent / "log.csv").read_bytes()).hexdigest()
-    assert found.provenance.logs == (
+    assert outcome.provenance.logs == (
         SourceFile(str(config.parent.resolve() / "log.csv"), digest, modified=stamp(config.parent / "log.csv")),
     )
     assert stamp(config.parent / "gone.csv") == ""
-    assert stamp() >= found.provenance.identified > "2020"
-    assert any("overlaps in time" in note.text for note in found.warnings if isinstance(note, Remark))
+    assert stamp() >= outcome.provenance.identified > "2020"
+    assert any("overlaps in time" in note.text for note in outcome.warnings if isinstance(note, Remark))
 
 
 def test_the_three_runs_warn_of_the_same_configuration(config: Path) -> None:
@@ -65,13 +65,21 @@ def test_identify_repeats_what_check_finds_and_judges_by_it(tmp_path: Path) -> N
     project = read_project(configure(tmp_path, validation=[{"file": "log.csv", "window": [2, 4]}]))
     torque = {joint: channel | {"gain": -1.0} for joint, channel in settings()["torque"].items()}
     turned = read_project(configure(tmp_path, validation=[{"file": "log.csv", "window": [2, 4]}], torque=torque))
-    for one in (project, turned):
-        found = one.identify()
-        examined = [x for x in one.examine().findings if x.severity is not Severity.INFO and x.source != one.path.name]
-        assert list(found.findings) == examined
-    assert [type(one.message) for one in found.findings] == [SameData, ReversedSign]  # the window is of the training
-    assert judge(found).reasons[:2] == (ForbiddingFindings(found.findings[:1]), ForbiddingFindings(found.findings[1:]))
-    assert judge(found).use is Use.DO_NOT_USE
+    for case in (project, turned):
+        result = case.identify()
+        examined = [
+            x for x in case.examine().findings if x.severity is not Severity.INFO and x.source != case.path.name
+        ]
+        assert list(result.findings) == examined
+    assert [type(finding.message) for finding in result.findings] == [
+        SameData,
+        ReversedSign,
+    ]  # the window is of the training
+    assert judge(result).reasons[:2] == (
+        ForbiddingFindings(result.findings[:1]),
+        ForbiddingFindings(result.findings[1:]),
+    )
+    assert judge(result).use is Use.DO_NOT_USE
 
 
 def test_a_folder_has_the_digest_of_all_its_files(tmp_path: Path) -> None:
@@ -98,5 +106,5 @@ torque: {slider: {column: f, unit: N}}
 train: [{file: a.csv, window: [0, 1]}, {file: a.csv, window: [1, 2]}]
 validation: [{file: {x: a.csv, y: b.csv}}]
 """
-    found = {file.path: file.sha256 for file in log_files(parse_config(text, tmp_path))}
-    assert found == {str(tmp_path / name): hashlib.sha256(name.encode()).hexdigest() for name in ("a.csv", "b.csv")}
+    result = {file.path: file.sha256 for file in log_files(parse_config(text, tmp_path))}
+    assert result == {str(tmp_path / name): hashlib.sha256(name.encode()).hexdigest() for name in ("a.csv", "b.csv")}

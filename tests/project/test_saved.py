@@ -84,8 +84,8 @@ def by_maximum_likelihood() -> Made:
 
 @pytest.fixture(scope="module", params=[by_least_squares, by_consistent_fit, by_maximum_likelihood])
 def made(request: pytest.FixtureRequest) -> Made:
-    found: Made = request.param()
-    return found
+    result: Made = request.param()
+    return result
 
 
 def known(*values: object) -> bool:
@@ -110,19 +110,19 @@ def test_the_three_results_hold_every_group() -> None:
 
 
 def test_what_is_saved_is_read_again_to_the_last_bit(made: Made, tmp_path: Path) -> None:
-    model, found = made
-    path = found.save(tmp_path / "deep" / "result.json")
+    model, result = made
+    path = result.save(tmp_path / "deep" / "result.json")
     again = load(path, model)
-    assert_same(found, again)
+    assert_same(result, again)
     assert wrong(result_schema(), json.loads(path.read_text())) == []
     assert again.save(tmp_path / "again.json").read_text() == path.read_text()
 
 
 def test_the_noise_of_whitened_rows_is_kept(tmp_path: Path) -> None:
-    model, found = by_least_squares()
+    model, result = by_least_squares()
     noise = Whitening((np.array([0.9, -0.3]), np.zeros(0)), np.array([[2.0, 0.5], [0.5, 1.0]]))
-    estimate = replace(found.estimate, residual=replace(found.estimate.residual, whitening=noise))
-    path = replace(found, estimate=estimate).save(tmp_path / "result.json")
+    estimate = replace(result.estimate, residual=replace(result.estimate.residual, whitening=noise))
+    path = replace(result, estimate=estimate).save(tmp_path / "result.json")
     again = load(path, model).estimate
     assert again.needs_samples
     assert_same(again.residual.whitening, noise)
@@ -133,26 +133,26 @@ def test_the_noise_of_whitened_rows_is_kept(tmp_path: Path) -> None:
 
 
 def test_a_loaded_result_predicts_as_the_one_that_was_saved(made: Made, tmp_path: Path) -> None:
-    model, found = made
-    again = load(found.save(tmp_path / "result.json"), model)
-    log = found.validations[0].recorded_log
+    model, result = made
+    again = load(result.save(tmp_path / "result.json"), model)
+    log = result.validations[0].recorded_log
     assert log is not None
-    np.testing.assert_array_equal(again.predict(log).predicted_torque, found.validations[0].predicted_torque)
+    np.testing.assert_array_equal(again.predict(log).predicted_torque, result.validations[0].predicted_torque)
     with pytest.raises(InputError, match="not its signals"):
         _ = again.validations[0].motion
-    assert all(np.isfinite(again.errors.std) == np.isfinite(found.errors.std))
+    assert all(np.isfinite(again.errors.std) == np.isfinite(result.errors.std))
 
 
 def test_numbers_that_are_not_finite_and_rare_nouns_are_kept(tmp_path: Path) -> None:
-    model, found = by_least_squares()
-    first, *rest = found.validations
+    model, result = by_least_squares()
+    first, *rest = result.validations
     assert first.free_run is not None
     errors = replace(first.errors, relative_error=np.nan, rmse={"joint1": np.inf, "joint2": -np.inf})
     run = replace(first.free_run, failure=RunsAway(np.nextafter(0.1, 1)))
     odd = replace(
-        found,
+        result,
         validations=(replace(first, errors=errors, free_run=run), *rest),
-        warnings=(NotIdentifiable(3), Rests("a", 1.0, 0.0, 2.0, Gain(3.0, 1.0)), *found.warnings),
+        warnings=(NotIdentifiable(3), Rests("a", 1.0, 0.0, 2.0, Gain(3.0, 1.0)), *result.warnings),
         calibration=Calibration(time_offset=TimeOffset(0.0, 2.0, 2.0, None, Gain(-1.0, 2.0))),
         mass=None,
     )
@@ -172,18 +172,18 @@ def test_a_configuration_builds_the_model_again(tmp_path: Path) -> None:
     write_log(tmp_path)
     write_log(tmp_path, "other.csv", rate=4.0)
     held_out = [{"file": "other.csv", "window": [0, 3]}]
-    found = run(configure(tmp_path, validation=held_out, simulation={"kind": "measured_torque"}))
-    path = found.save(tmp_path / "result.json")
+    outcome = run(configure(tmp_path, validation=held_out, simulation={"kind": "measured_torque"}))
+    path = outcome.save(tmp_path / "result.json")
     again = load(path)
-    assert_same(found, again)
+    assert_same(outcome, again)
     (log,) = read_log_like(again, str(tmp_path / "log.csv")).logs
     assert again.predict(log).errors.relative_error < 2
-    assert judge(found).reasons == ()
+    assert judge(outcome).reasons == ()
 
 
 def test_a_model_from_python_must_be_given_again(tmp_path: Path) -> None:
-    model, found = by_least_squares()
-    path = found.save(tmp_path / "result.json")
+    model, result = by_least_squares()
+    path = result.save(tmp_path / "result.json")
     with pytest.raises(InputError, match=r"made from Python.*load\(path, model\)"):
         load(path)
     with pytest.raises(ModelError, match="not those of the model"):
@@ -193,13 +193,13 @@ def test_a_model_from_python_must_be_given_again(tmp_path: Path) -> None:
 
 
 def test_a_result_of_version_1_is_read() -> None:
-    found = load(DATA / "result-1.json")
-    assert found.warnings == ()
-    assert found.recipe.smoother == TimeShifted(Spline(factor=4.0), 0.001)
-    assert [log.role for log in found.validations] == ["train", "validation"]
-    assert found.calibration.smoother is not None
-    assert found.calibration.smoother.smoother == found.recipe.smoother
-    assert np.all(np.isfinite(found.estimate.covariance))
+    result = load(DATA / "result-1.json")
+    assert result.warnings == ()
+    assert result.recipe.smoother == TimeShifted(Spline(factor=4.0), 0.001)
+    assert [log.role for log in result.validations] == ["train", "validation"]
+    assert result.calibration.smoother is not None
+    assert result.calibration.smoother.smoother == result.recipe.smoother
+    assert np.all(np.isfinite(result.estimate.covariance))
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ def test_a_class_of_the_user_named_alone_takes_part_in_the_choice(tmp_path):
         return config.model, build_recipe(config), load_robot(config.model, ARM)
 
     settings, recipe, model = read("auto", "own.py:Cubic")
-    assert [one.__name__ for one in recipe.proposed] == ["Cubic"]
+    assert [x.__name__ for x in recipe.proposed] == ["Cubic"]
     assert recipe.terms == "auto"
     assert settings.chooses_terms
     assert len(model.terms) == 1

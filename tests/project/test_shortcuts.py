@@ -118,13 +118,13 @@ class TestIdentify:
     def test_one_log_several_and_named_ones_are_the_same(self) -> None:
         method, log = dy.Recipe(dy.Difference("central")), sliding()
         values = [dy.identify("gallery:slider", logs, recipe=method) for logs in (log, [log], {"monday": log})]
-        assert [[one.name for one in found.validations] for found in values] == [["monday"]] * 3
+        assert [[validation.name for validation in value.validations] for value in values] == [["monday"]] * 3
         assert values[0].estimate.value[0] == pytest.approx(5.0, rel=0.05)
 
     def test_keywords_replace_fields_of_the_recipe(self) -> None:
         recipe = dy.Recipe(dy.Difference(), min_speed=0.1)
-        found = dy.identify("gallery:slider", sliding(), recipe=recipe, smoother=dy.Difference("central"))
-        assert (found.recipe.smoother, found.recipe.min_speed) == (dy.Difference("central"), 0.1)
+        result = dy.identify("gallery:slider", sliding(), recipe=recipe, smoother=dy.Difference("central"))
+        assert (result.recipe.smoother, result.recipe.min_speed) == (dy.Difference("central"), 0.1)
         with pytest.raises(ConfigError, match="'estimtor' is no field of a recipe; did you mean 'estimator'"):
             dy.identify("gallery:slider", sliding(), estimtor=dy.LeastSquares())
 
@@ -162,9 +162,9 @@ class TestIdentify:
             dy.identify("gallery:slider", sliding(), recipe=dy.Difference())  # type: ignore[arg-type]
 
     def test_a_file_cannot_be_predicted_before_it_is_read(self) -> None:
-        found = dy.identify("gallery:slider", sliding(), recipe=dy.Recipe(dy.Difference()))
+        result = dy.identify("gallery:slider", sliding(), recipe=dy.Recipe(dy.Difference()))
         with pytest.raises(InputError, match="a str is given, not a Log; read a file with `read_log`"):
-            found.predict("monday.csv")  # type: ignore[arg-type]
+            result.predict("monday.csv")  # type: ignore[arg-type]
 
     def test_a_recording_of_a_simulation_is_asked_for_its_log(self) -> None:
         arm = dy.two_link_arm()
@@ -181,9 +181,9 @@ class TestIdentify:
 
 def test_a_check_finds_what_is_wrong_before_a_fit() -> None:
     silent = dy.Log(T, sliding().q, np.zeros((1001, 1)), ("slider",), "silent")
-    found = dy.check("gallery:slider", silent)
-    assert found.has_errors
-    assert "torque is zero in every sample" in repr(found)
+    result = dy.check("gallery:slider", silent)
+    assert result.has_errors
+    assert "torque is zero in every sample" in repr(result)
     fine = dy.check("gallery:slider", sliding())
     assert not fine.has_errors
     assert repr(fine).startswith("<CheckResult: ")
@@ -246,7 +246,7 @@ def two_link_log(rate: float = 1.0, name: str = "monday") -> dy.Log:
     t, rng, w = np.arange(2001) * 0.004, np.random.default_rng(0), rate * np.array([0.9, 1.5])
     phase = np.multiply.outer(t, w)
     motion = np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)
-    tau = robot.torque(*motion, [0.5 if one.value is None else one.value for one in robot.parameters])
+    tau = robot.torque(*motion, [0.5 if parameter.value is None else parameter.value for parameter in robot.parameters])
     return dy.Log(t, motion[0], tau + 0.02 * rng.standard_normal(tau.shape), ("shoulder", "elbow"), name)
 
 
@@ -258,13 +258,13 @@ class TestChosenTerms:
         robot, log = dy.read_robot(two_link_file(tmp_path), terms=terms), two_link_log().window(0.0, 5.0)
         assert robot.chooses_terms
         assert "to be chosen" in repr(robot)
-        found = dy.identify(robot, log, {"tuesday": two_link_log(1.2)}, recipe)
-        assert {"Fc_shoulder", "Fv_elbow"} <= set(found.model.names)
-        assert not found.model.chooses_terms
-        assert all(one.errors.relative_error < 2 for one in found.validations)
-        found.save(tmp_path / "result.json")
+        result = dy.identify(robot, log, {"tuesday": two_link_log(1.2)}, recipe)
+        assert {"Fc_shoulder", "Fv_elbow"} <= set(result.model.names)
+        assert not result.model.chooses_terms
+        assert all(validation.errors.relative_error < 2 for validation in result.validations)
+        result.save(tmp_path / "result.json")
         again = dy.load(tmp_path / "result.json", robot)
-        assert again.model.names == found.model.names
+        assert again.model.names == result.model.names
         assert not again.model.chooses_terms
 
 
@@ -274,21 +274,21 @@ QUICK: dict = {"smoother": dy.Difference("central"), "estimator": dy.LeastSquare
 class TestJointsThatAreNotLogged:
     def test_they_are_locked_with_a_note_that_stays(self, tmp_path: Path) -> None:
         file, log = two_link_file(tmp_path, "grip"), two_link_log()
-        found = dy.identify(file, log, **QUICK)
-        assert found.warnings[0] == NotLogged(("grip",), (0.01,))
-        found.save(tmp_path / "result.json")
+        result = dy.identify(file, log, **QUICK)
+        assert result.warnings[0] == NotLogged(("grip",), (0.01,))
+        result.save(tmp_path / "result.json")
         again = dy.load(tmp_path / "result.json")
-        assert again.model.names == found.model.names
-        assert again.predict(log).errors.relative_error == found.validations[0].errors.relative_error
+        assert again.model.names == result.model.names
+        assert again.predict(log).errors.relative_error == result.validations[0].errors.relative_error
         assert "'grip' at 0.01" in str(dy.check(file, log).findings[0])
         bound = dy.accuracy_bound(file, log, dy.Recipe(**QUICK), sigma_q=1e-4, sigma_tau=0.02)
         assert "'grip' at 0.01" in str(bound.identification.warnings[0])
 
     def test_a_position_that_is_given_is_used_and_kept(self, tmp_path: Path) -> None:
         file, log = two_link_file(tmp_path, "grip"), two_link_log()
-        found = dy.identify(file, log, lock={"grip": 0.03}, joints=["elbow", "shoulder"], **QUICK)
-        assert not any(isinstance(note, NotLogged) for note in found.warnings)
-        found.save(tmp_path / "result.json")
+        result = dy.identify(file, log, lock={"grip": 0.03}, joints=["elbow", "shoulder"], **QUICK)
+        assert not any(isinstance(note, NotLogged) for note in result.warnings)
+        result.save(tmp_path / "result.json")
         (bodies,) = dy.load(tmp_path / "result.json").model.terms
         assert (bodies.locked, bodies.joints_used) == ((("grip", 0.03),), ("elbow", "shoulder"))
 

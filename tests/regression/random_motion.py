@@ -37,7 +37,7 @@ def holes(samples: int = 1000) -> Mask:
     return mask
 
 
-def drawn(found: Sequence[Motion], parallel_filter: ParallelFilter | None = None) -> tuple[Array, Array]:
+def drawn(motions: Sequence[Motion], parallel_filter: ParallelFilter | None = None) -> tuple[Array, Array]:
     """All blocks in one."""
-    blocks = list(Regression(ARM, tuple(found), Selection(parallel_filter)).blocks())
+    blocks = list(Regression(ARM, tuple(motions), Selection(parallel_filter)).blocks())
     return np.concatenate([block.Y for block in blocks]), np.concatenate([block.tau for block in blocks])

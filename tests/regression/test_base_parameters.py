@@ -58,14 +58,14 @@ def test_groupings_read_as_in_the_literature() -> None:
     X = noise(5)
     X[:, 1] = X[:, 0]  # Ia1 = Izz1
     X[:, 3] = 0.05185 * X[:, 0] - 2 * X[:, 2]
-    found = read(X, columns("Izz1", "Ia1", "Iyy2", "m2", "Fv1", **roles))
-    assert found.rank == 3
-    assert found.groupings == ("Izz1 + Ia1 + 0.05185*m2", "Iyy2 - 2*m2", "Fv1")
-    assert found.independent == (0, 2, 4)
-    assert found.dependent == (1, 3)
-    assert found.single_parameters == ("Fv1",)
-    assert found.gap > 1e12
-    assert found.without_effect == ()
+    result = read(X, columns("Izz1", "Ia1", "Iyy2", "m2", "Fv1", **roles))
+    assert result.rank == 3
+    assert result.groupings == ("Izz1 + Ia1 + 0.05185*m2", "Iyy2 - 2*m2", "Fv1")
+    assert result.independent == (0, 2, 4)
+    assert result.dependent == (1, 3)
+    assert result.single_parameters == ("Fv1",)
+    assert result.gap > 1e12
+    assert result.without_effect == ()
 
 
 def test_signs_and_factors_of_a_grouping() -> None:
@@ -83,8 +83,8 @@ def test_later_bodies_and_masses_before_rotors_lead() -> None:
 
 def test_column_without_effect_is_named() -> None:
     X = noise(3) * np.array([1.0, 0.0, 1e-6])
-    found = read(X, columns("a", "b", "c"))
-    assert (found.rank, found.without_effect, found.single_parameters) == (2, ("b",), ("a", "c"))
+    result = read(X, columns("a", "b", "c"))
+    assert (result.rank, result.without_effect, result.single_parameters) == (2, ("b",), ("a", "c"))
 
 
 def test_full_rank_and_no_rank() -> None:
@@ -104,19 +104,19 @@ def test_base_parameters_carry_all_of_the_torque(seed: int, rank: int, extra: in
     p = rank + extra
     units = 10.0 ** rng.uniform(-4, 4, p)
     X = rng.normal(size=(40, rank)) @ rng.normal(size=(rank, p)) * units
-    found = read(X, columns(*map(str, range(p))))
+    result = read(X, columns(*map(str, range(p))))
     theta, near = rng.normal(size=(2, p)) / units
-    beta = found.to_base(theta)
-    assert found.rank == rank
+    beta = result.to_base(theta)
+    assert result.rank == rank
     size = np.linalg.norm(X, axis=0) @ np.abs(theta)
-    np.testing.assert_allclose(X[:, list(found.independent)] @ beta, X @ theta, atol=1e-12 * size)
-    for back in (found.to_standard(beta), found.to_standard(beta, near)):
+    np.testing.assert_allclose(X[:, list(result.independent)] @ beta, X @ theta, atol=1e-12 * size)
+    for back in (result.to_standard(beta), result.to_standard(beta, near)):
         np.testing.assert_allclose(X @ back, X @ theta, atol=1e-12 * size)
-    np.testing.assert_allclose(found.to_standard(beta, theta), theta, atol=1e-9 * np.abs(theta).max())
-    assert np.abs(X @ found.null_directions).max(initial=0.0) <= 1e-8 * np.abs(X).max() * np.abs(
-        found.null_directions
+    np.testing.assert_allclose(result.to_standard(beta, theta), theta, atol=1e-9 * np.abs(theta).max())
+    assert np.abs(X @ result.null_directions).max(initial=0.0) <= 1e-8 * np.abs(X).max() * np.abs(
+        result.null_directions
     ).max(initial=1.0)
-    assert found.null_directions.shape == (p, extra)
+    assert result.null_directions.shape == (p, extra)
 
 
 def test_tolerance_decides_on_nearly_dependent_columns() -> None:
@@ -129,20 +129,20 @@ def test_tolerance_decides_on_nearly_dependent_columns() -> None:
 
 
 def test_wrong_shapes() -> None:
-    found = read(noise(2), columns("a", "b"))
+    result = read(noise(2), columns("a", "b"))
     with pytest.raises(ModelError, match=r"factor has shape \(2, 2\), expected \(3, 3\) or \(4, 4\)"):
         base_parameters(np.eye(2), columns("a", "b", "c"))
     with pytest.raises(ModelError, match=r"theta has shape \(3,\), expected \(2,\)"):
-        found.to_base([1, 2, 3])
+        result.to_base([1, 2, 3])
     with pytest.raises(ModelError, match=r"beta has shape \(1,\)"):
-        found.to_standard([1])
+        result.to_standard([1])
 
 
 def test_factors_that_are_not_those_of_the_base_parameters() -> None:
-    found = read(noise(3), columns("a", "b", "c"))
+    result = read(noise(3), columns("a", "b", "c"))
     other = triangularise(iter([RegressorBlock(noise(2)[:, None], np.zeros((50, 1)))]), 1, 2)
     with pytest.raises(ModelError, match=r"factors have shape \(3, 3\), expected \(4, 4\)\."):
-        base_std(found, other, np.ones(1))
+        base_std(result, other, np.ones(1))
 
 
 def test_structural_rank_of_known_models() -> None:
@@ -159,11 +159,11 @@ def test_published_rank_of_the_panda() -> None:
     bodies = RigidBodies(PANDA.read_text(), tuple(f"panda_joint{k}" for k in range(1, 8)))
     joints = bodies.joints
     rigid = structural_base_parameters(Model((bodies,)))
-    whole = structural_base_parameters(Model((bodies, Viscous(joints), Coulomb(joints), Offset(joints))))
+    full = structural_base_parameters(Model((bodies, Viscous(joints), Coulomb(joints), Offset(joints))))
     geared = structural_base_parameters(Model((bodies, RotorInertia(joints))))
-    assert (rigid.rank, whole.rank, geared.rank) == (43, 64, 48)
-    assert min(basis.gap for basis in (rigid, whole, geared)) > 1e6
-    assert set(rigid.groupings) <= set(whole.groupings)
+    assert (rigid.rank, full.rank, geared.rank) == (43, 64, 48)
+    assert min(basis.gap for basis in (rigid, full, geared)) > 1e6
+    assert set(rigid.groupings) <= set(full.groupings)
     masses = "".join(f" + 0.0825*panda_link{k}.mass" for k in range(4, 8))
     assert f"panda_link3.mx{masses}" in rigid.groupings
 
@@ -228,7 +228,7 @@ def test_missing_excitation_is_the_same_in_any_unit(unit: float) -> None:
     assert find_unexcited(structural, on_data(model, motion(model)), model) == ()
     for still, kept in ((0, "viscous_a"), (1, "viscous_b")):
         (missing,) = find_unexcited(structural, on_data(model, motion(model, still=(still,))), model)
-        assert [one.split(" ")[0] for one in missing.groupings] == [kept]
+        assert [grouping.split(" ")[0] for grouping in missing.groupings] == [kept]
 
 
 class Product(Drag):
@@ -282,10 +282,10 @@ def test_rounded_angles_of_a_robot_file_add_no_base_parameter() -> None:
         joints = [joint(f"j{k}", "revolute", names[k], names[k + 1], (0.2, 0.0, 0.1), turns[k]) for k in range(3)]
         bodies = RigidBodies(urdf(*parts, *joints))
         model = Model((bodies, RotorInertia(bodies.joints)))
-        found = structural_base_parameters(model, **settings)
+        result = structural_base_parameters(model, **settings)
         on_data = structural_base_parameters(model, np.random.default_rng(4), **settings)
-        assert find_unexcited(found, on_data, model) == ()
-        return found.rank
+        assert find_unexcited(result, on_data, model) == ()
+        return result.rank
 
     assert rank(1.57080001) == rank(np.pi / 2) == rank(np.pi / 2, tolerance=1e-12)
     assert rank(1.57080001, tolerance=1e-12) > rank(1.57080001)

@@ -27,33 +27,33 @@ def test_each_joint_has_its_groups_and_the_last_body_a_payload() -> None:
     arm = arm.with_terms(Ripple(joints, on=(joints[1].name,), cycles=(50.0, 100.0)))
     basis = structural_base_parameters(arm)
     groups = groups_of(arm, basis)
-    found = {(one.kind, one.joint): one for one in groups}
-    assert len(found) == len(groups) == 6 + 1 + 6 + 1
-    assert found[GroupKind.FRICTION, joints[3].name].names == (f"Fv_{joints[3].name}", f"Fc_{joints[3].name}")
-    assert len(found[GroupKind.RIPPLE, joints[1].name].names) == 4
-    payload = found[GroupKind.PAYLOAD, joints[-1].name]
+    result = {(group.kind, group.joint): group for group in groups}
+    assert len(result) == len(groups) == 6 + 1 + 6 + 1
+    assert result[GroupKind.FRICTION, joints[3].name].names == (f"Fv_{joints[3].name}", f"Fc_{joints[3].name}")
+    assert len(result[GroupKind.RIPPLE, joints[1].name].names) == 4
+    payload = result[GroupKind.PAYLOAD, joints[-1].name]
     assert len(payload.names) == 10
-    for one in groups:
-        assert one.directions.shape == (basis.rank, len(one.names))
-        assert np.linalg.matrix_rank(one.directions / np.linalg.norm(one.directions, axis=0)) == len(one.names)
+    for group in groups:
+        assert group.directions.shape == (basis.rank, len(group.names))
+        assert np.linalg.matrix_rank(group.directions / np.linalg.norm(group.directions, axis=0)) == len(group.names)
 
 
 def test_a_change_of_the_parameters_moves_the_base_parameters_within_its_group() -> None:
     arm = true_model()
     basis, rng = structural_base_parameters(arm), np.random.default_rng(0)
-    for one in groups_of(arm, basis):
+    for case in groups_of(arm, basis):
         theta, other = np.zeros(len(arm.names)), np.zeros(len(arm.names))
-        columns = [arm.names.index(name) for name in one.names]
+        columns = [arm.names.index(name) for name in case.names]
         other[columns] = step = rng.standard_normal(len(columns))
-        np.testing.assert_allclose(basis.to_base(other) - basis.to_base(theta), one.directions @ step, atol=1e-12)
+        np.testing.assert_allclose(basis.to_base(other) - basis.to_base(theta), case.directions @ step, atol=1e-12)
 
 
 def test_the_friction_of_a_coupled_motor_is_its_own() -> None:
     joints = (Joint("five"), Joint("six"))
     motor = CoupledMotor(joints, {"five": 1, "six": 1}, name="wrist", offset=True)
     arm = Model((Viscous(joints), motor))
-    found = {(one.kind, one.joint): one.names for one in groups_of(arm, structural_base_parameters(arm))}
-    assert found == {
+    result = {(x.kind, x.joint): x.names for x in groups_of(arm, structural_base_parameters(arm))}
+    assert result == {
         (GroupKind.FRICTION, "five"): ("Fv_five",),
         (GroupKind.FRICTION, "six"): ("Fv_six",),
         (GroupKind.FRICTION, "wrist"): ("Fv_wrist", "Fc_wrist"),
@@ -64,16 +64,16 @@ def test_the_friction_of_a_coupled_motor_is_its_own() -> None:
 def test_each_parameter_has_the_kind_of_its_group() -> None:
     arm = true_model()
     basis, kinds = structural_base_parameters(arm), dict(zip(arm.names, kinds_of(arm), strict=True))
-    for one in groups_of(arm, basis):
-        assert {kinds[name] for name in one.names} == {one.kind}
-    last = arm.parameters[-1].body or [one.body for one in arm.parameters if one.body][-1]
-    for one in arm.parameters:
-        assert (kinds[one.name] is None) == (one.role == "rotor" or (bool(one.body) and one.body != last))
+    for case in groups_of(arm, basis):
+        assert {kinds[name] for name in case.names} == {case.kind}
+    last = arm.parameters[-1].body or [parameter.body for parameter in arm.parameters if parameter.body][-1]
+    for case in arm.parameters:
+        assert (kinds[case.name] is None) == (case.role == "rotor" or (bool(case.body) and case.body != last))
 
 
 def test_columns_count_that_are_independent_of_those_before() -> None:
-    one, other = np.array([1.0, 2.0, 0.0]), np.array([0.0, 1.0, 1e-3])
-    columns = np.stack([one, 3 * one, 0 * one, other, one - 2 * other, one + 1e-9 * np.eye(3)[2]], axis=1)
+    first, second = np.array([1.0, 2.0, 0.0]), np.array([0.0, 1.0, 1e-3])
+    columns = np.stack([first, 3 * first, 0 * first, second, first - 2 * second, first + 1e-9 * np.eye(3)[2]], axis=1)
     assert independent_columns(columns) == [0, 3]
 
 

@@ -31,16 +31,19 @@ def test_merged_blocks_are_one_big_least_squares(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(linear_problem, "BLOCK", size)
     monkeypatch.setattr(linear_problem, "BLOCK_ENTRIES", size)
     motions = (motion(300, seed=1, mask=holes(1000)[:300]), motion(50, seed=2))
-    found = Regression(ARM, motions).triangular_factors
-    whole = rows(motions)
-    assert found.samples == whole.shape[1]
-    for factor, one in zip(found.factors, whole, strict=True):
+    triangular_factors = Regression(ARM, motions).triangular_factors
+    full = rows(motions)
+    assert triangular_factors.samples == full.shape[1]
+    for factor, case in zip(triangular_factors.factors, full, strict=True):
         np.testing.assert_array_equal(factor, np.triu(factor))
-        np.testing.assert_allclose(factor.T @ factor, one.T @ one, rtol=0, atol=1e-12 * np.sum(one**2))
-    stacked = np.concatenate(whole)
+        np.testing.assert_allclose(factor.T @ factor, case.T @ case, rtol=0, atol=1e-12 * np.sum(case**2))
+    stacked = np.concatenate(full)
     direct = np.linalg.lstsq(stacked[:, :-1], stacked[:, -1])[0]
     np.testing.assert_allclose(
-        solve_least_squares(found.stack()).value, direct, rtol=1e-12, atol=1e-12 * float(np.linalg.norm(direct))
+        solve_least_squares(triangular_factors.stack()).value,
+        direct,
+        rtol=1e-12,
+        atol=1e-12 * float(np.linalg.norm(direct)),
     )
 
 
@@ -58,9 +61,9 @@ def test_blocks_hold_the_usable_samples_in_order(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize("parallel_filter", [None, ParallelFilter(decimate=2)])
 def test_residuals_are_rows_of_their_own(parallel_filter: ParallelFilter | None) -> None:
     made = Regression(ARM, (motion(50),), Selection(parallel_filter), bias=0.1 * THETA)
-    (one,), (left,), ((_, _, residual, _),) = made.blocks(), made.entries(theta=THETA), made.residuals(THETA)
-    for found in (left.tau.T, residual):
-        np.testing.assert_allclose(found, one.tau - one.Y @ THETA, atol=1e-12)
+    (case,), (left,), ((_, _, residual, _),) = made.blocks(), made.entries(theta=THETA), made.residuals(THETA)
+    for result in (left.tau.T, residual):
+        np.testing.assert_allclose(result, case.tau - case.Y @ THETA, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -76,17 +79,17 @@ def test_residuals_are_rows_of_their_own(parallel_filter: ParallelFilter | None)
     ],
 )
 def test_stretches(mask: str, runs: list[tuple[int, int]]) -> None:
-    found = stretches(np.array([c == "1" for c in mask], dtype=bool))
-    assert [(run.start, run.stop) for run in found] == runs
+    result = stretches(np.array([c == "1" for c in mask], dtype=bool))
+    assert [(run.start, run.stop) for run in result] == runs
 
 
 @pytest.mark.parametrize("weights", [None, (1.0, 1.0), (0.1, 30.0)])
 def test_stacked_joints_with_weights(weights: tuple[float, float] | None) -> None:
     motions = (motion(200),)
     factor = Regression(ARM, motions).triangular_factors.stack(None if weights is None else np.array(weights))
-    one = np.concatenate([w * part for w, part in zip(weights or (1.0, 1.0), rows(motions), strict=True)])
+    case = np.concatenate([w * part for w, part in zip(weights or (1.0, 1.0), rows(motions), strict=True)])
     assert factor.shape == (8, 8)
-    np.testing.assert_allclose(factor.T @ factor, one.T @ one, rtol=0, atol=1e-12 * np.sum(one**2))
+    np.testing.assert_allclose(factor.T @ factor, case.T @ case, rtol=0, atol=1e-12 * np.sum(case**2))
 
 
 def test_joints_of_another_arm_are_refused() -> None:
@@ -132,8 +135,10 @@ def test_memory_does_not_grow_with_the_samples(
     monkeypatch.setattr(linear_problem, "BLOCK", 64)
     monkeypatch.setattr(linear_problem, "BLOCK_ENTRIES", 64)
     term = Counting()
-    found = Regression(Model((term,)), (motion(5000),), Selection(parallel_filter)).triangular_factors
-    assert found.samples == (5000 if parallel_filter is None else len(range(0, 5000, parallel_filter.decimate)))
+    triangular_factors = Regression(Model((term,)), (motion(5000),), Selection(parallel_filter)).triangular_factors
+    assert triangular_factors.samples == (
+        5000 if parallel_filter is None else len(range(0, 5000, parallel_filter.decimate))
+    )
     assert len(term.asked) > 5
     assert max(term.asked) <= most
 
@@ -143,11 +148,11 @@ def test_a_bias_is_taken_off_the_solution_alone(parallel_filter: ParallelFilter 
     plain = Regression(ARM, (motion(), motion(seed=1)), Selection(parallel_filter))
     bias = np.linspace(0.1, 0.7, len(THETA))
     less = plain.subtract_bias(bias)
-    found, before = (solve_least_squares(one.triangular_factors.stack()) for one in (less, plain))
-    np.testing.assert_allclose(found.value, before.value - bias, rtol=1e-8)
-    assert found.rss == pytest.approx(before.rss)
+    result, before = (solve_least_squares(x.triangular_factors.stack()) for x in (less, plain))
+    np.testing.assert_allclose(result.value, before.value - bias, rtol=1e-8)
+    assert result.rss == pytest.approx(before.rss)
     streamed = solve_least_squares(replace(plain, bias=bias).triangular_factors.stack())
-    np.testing.assert_allclose(streamed.value, found.value, rtol=1e-8)
+    np.testing.assert_allclose(streamed.value, result.value, rtol=1e-8)
     np.testing.assert_allclose(
         solve_least_squares(less.subtract_bias(-bias).triangular_factors.stack()).value, before.value, rtol=1e-8
     )
@@ -155,12 +160,12 @@ def test_a_bias_is_taken_off_the_solution_alone(parallel_filter: ParallelFilter 
 
 @pytest.mark.parametrize("weights", [None, np.array([2.0, 0.5])])
 def test_pulls_are_the_products_with_the_rows(weights: Array | None) -> None:
-    one = motion(noise=0.0)
-    regression = Regression(ARM, (one,), selection=Selection(min_speed=(0.5, 0.0)))
-    c = np.random.default_rng(2).normal(size=(*one.tau.shape, 3))
+    test_motion = motion(noise=0.0)
+    regression = Regression(ARM, (test_motion,), selection=Selection(min_speed=(0.5, 0.0)))
+    c = np.random.default_rng(2).normal(size=(*test_motion.tau.shape, 3))
     w2 = np.ones(2) if weights is None else weights**2
-    kept = (np.abs(one.dq) >= (0.5, 0.0)) * one.mask[:, None] * w2
-    Y = ARM.regressor(one.q, one.dq, one.ddq)
+    kept = (np.abs(test_motion.dq) >= (0.5, 0.0)) * test_motion.mask[:, None] * w2
+    Y = ARM.regressor(test_motion.q, test_motion.dq, test_motion.ddq)
     np.testing.assert_allclose(
         regression.weighted_products([c], weights), np.einsum("bjp,bj,bjk->pk", Y, kept, c), rtol=1e-10
     )
@@ -176,8 +181,8 @@ def test_a_filtered_motion_has_the_torque_and_motion_of_the_rows() -> None:
     motion = Motion(t, q, dq, ddq, tau, ("slider",), mask, source="made")
     low = ParallelFilter(decimate=4)
     assert low.cutoff_at(motion) == pytest.approx(10.0)
-    found = low.filter_motion(motion)
+    result = low.filter_motion(motion)
     for part in (slice(0, 250), slice(260, 600)):
-        np.testing.assert_allclose(found.tau[part], low.apply(low.sections(motion), tau[part]))
-        np.testing.assert_allclose(found.q[part], low.apply(low.sections(motion), q[part]))
-    np.testing.assert_array_equal(found.tau[250:260], tau[250:260])
+        np.testing.assert_allclose(result.tau[part], low.apply(low.sections(motion), tau[part]))
+        np.testing.assert_allclose(result.q[part], low.apply(low.sections(motion), q[part]))
+    np.testing.assert_array_equal(result.tau[250:260], tau[250:260])

@@ -17,7 +17,7 @@ def andrews(series: list[np.ndarray]) -> int:
     samples = sum(map(len, series))
     above = below = 0.0
     for k in range(series[0].shape[1]):
-        columns = [one[:, k] for one in series]
+        columns = [x[:, k] for x in series]
         total = sum(float(x @ x) for x in columns)
         rho = sum(float(x[1:] @ x[:-1]) for x in columns) / total
         fourth = (1.0 - rho * rho) ** 2
@@ -36,7 +36,7 @@ def test_bandwidth_is_andrews_formula_over_stretches_and_columns(rho: tuple[floa
         for rows in (3000, 1700)
     ]
     assert 1 < andrews(series) < 470
-    assert bandwidth(iter([iter(np.array_split(one, 6)) for one in series])) == andrews(series)
+    assert bandwidth(iter([iter(np.array_split(x, 6)) for x in series])) == andrews(series)
 
 
 def test_bandwidth_has_limits() -> None:

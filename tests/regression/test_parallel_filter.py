@@ -32,13 +32,13 @@ def test_filtered_pieces_fit_together(
     made = motion(3000, mask=holes(3000))
     Y, tau = drawn((made,), parallel_filter)
     sections = parallel_filter.sections(made)
-    whole = ARM.regressor(made.q, made.dq, made.ddq)
+    regressor = ARM.regressor(made.q, made.dq, made.ddq)
     kept = [part for part in stretches(made.mask) if part.stop - part.start > 1]
-    for found, x in ((Y, whole), (tau, made.tau)):
+    for result, x in ((Y, regressor), (tau, made.tau)):
         direct = np.concatenate(
             [parallel_filter.apply(sections, x[part])[:: parallel_filter.decimate] for part in kept]
         )
-        np.testing.assert_allclose(found, direct, rtol=0, atol=1e-9 * np.abs(direct).max())
+        np.testing.assert_allclose(result, direct, rtol=0, atol=1e-9 * np.abs(direct).max())
 
 
 @every_filter
@@ -46,8 +46,8 @@ def test_the_relation_survives_filter_and_decimation(parallel_filter: ParallelFi
     made = motion(2000, noise=0.0, mask=holes(2000))
     Y, tau = drawn((made,), parallel_filter)
     np.testing.assert_allclose(tau, Y @ THETA, rtol=0, atol=1e-12 * np.abs(tau).max())
-    found = solve_least_squares(Regression(ARM, (made,), Selection(parallel_filter)).triangular_factors.stack())
-    np.testing.assert_allclose(found.value, THETA, rtol=1e-9)
+    result = solve_least_squares(Regression(ARM, (made,), Selection(parallel_filter)).triangular_factors.stack())
+    np.testing.assert_allclose(result.value, THETA, rtol=1e-9)
 
 
 @pytest.mark.parametrize(("pole", "samples"), [(0.0, 12), (0.5, 40), (-0.9, 263)])
@@ -65,8 +65,8 @@ def test_gain_of_the_filter(frequency: float) -> None:
     made = motion(samples)
     x = np.cos(2 * np.pi * frequency * made.t)
     ratio = np.tan(np.pi * frequency / RATE) / np.tan(np.pi * 5.0 / RATE)
-    found = parallel_filter.apply(parallel_filter.sections(made), x)[500:-500]
-    np.testing.assert_allclose(found, x[500:-500] / (1 + ratio**4), atol=1e-6)
+    result = parallel_filter.apply(parallel_filter.sections(made), x)[500:-500]
+    np.testing.assert_allclose(result, x[500:-500] / (1 + ratio**4), atol=1e-6)
 
 
 def test_default_cutoff_is_four_fifths_of_half_the_remaining_rate() -> None:

@@ -28,14 +28,14 @@ from tests.regression.test_triangular import MODEL, drawn, squares
 def problem(parallel_filter: ParallelFilter | None = None) -> Regression:
     """Motions with holes and without, weights, a bias, and slow samples left out."""
     motions = (motion(mask=holes()), motion(3000, seed=1))
-    weights = tuple(np.random.default_rng(k).uniform(0.5, 1.5, one.q.shape) for k, one in enumerate(motions))
+    weights = tuple(np.random.default_rng(k).uniform(0.5, 1.5, x.q.shape) for k, x in enumerate(motions))
     return Regression(ARM, motions, Selection(parallel_filter, (0.5, 0.0)), weights, 0.1 * THETA)
 
 
-def same(found: TriangularFactors, whole: TriangularFactors) -> None:
-    size = np.abs(squares(whole.factors)).max()
-    np.testing.assert_allclose(squares(found.factors), squares(whole.factors), atol=1e-11 * size)
-    np.testing.assert_array_equal(found.rows, whole.rows)
+def same(result: TriangularFactors, factors: TriangularFactors) -> None:
+    size = np.abs(squares(factors.factors)).max()
+    np.testing.assert_allclose(squares(result.factors), squares(factors.factors), atol=1e-11 * size)
+    np.testing.assert_array_equal(result.rows, factors.rows)
 
 
 @pytest.mark.parametrize("parallel_filter", [None, ParallelFilter(decimate=4), ParallelFilter(cutoff=5.0)], ids=str)
@@ -43,26 +43,29 @@ def test_merged_parts_are_the_whole_to_rounding(parallel_filter: ParallelFilter 
     regression = problem(parallel_filter)
     parts = divide_regression(regression, 90)
     assert len(parts) > 30
-    found = factors_of_parts(regression, parts)
-    same(merge_factors(iter(found)), regression.triangular_factors)
-    same(merge_factors([merge_factors(found[:7]), merge_factors(found[7:])]), regression.triangular_factors)
+    result = factors_of_parts(regression, parts)
+    same(merge_factors(iter(result)), regression.triangular_factors)
+    same(merge_factors([merge_factors(result[:7]), merge_factors(result[7:])]), regression.triangular_factors)
 
 
 def test_parts_hold_every_usable_sample_once_and_reach_over_no_gap() -> None:
     regression = problem()
     for samples in (1, 90, 10**6):
-        used = [np.zeros(len(one), dtype=int) for one in regression.motions]
+        used = [np.zeros(len(x), dtype=int) for x in regression.motions]
         for part in divide_regression(regression, samples):
             used[part.motion][part.rows] += 1
-        for one, count in zip(regression.motions, used, strict=True):
-            np.testing.assert_array_equal(count, one.mask)
+        for case, count in zip(regression.motions, used, strict=True):
+            np.testing.assert_array_equal(count, case.mask)
 
 
 def test_a_part_has_the_rows_of_its_time() -> None:
     given = problem()
     regression = replace(given, selection=Selection(given.filter))
     parts = (RegressionPart(1, 100, 350), RegressionPart(0, 0, 200))
-    assert [one.rows.tolist() for one in factors_of_parts(regression, parts)] == [[250, 250], [97, 97]]
+    assert [factors_of_part.rows.tolist() for factors_of_part in factors_of_parts(regression, parts)] == [
+        [250, 250],
+        [97, 97],
+    ]
 
 
 @pytest.mark.parametrize("kind", ["threads", "processes"])
@@ -74,21 +77,21 @@ def test_any_executor_gives_the_same_factors_in_the_same_order(kind: str) -> Non
         ThreadPoolExecutor(2) if kind == "threads" else ProcessPoolExecutor(2, mp_context=get_context("forkserver"))
     )
     with pool:
-        found = factors_of_parts(regression, parts, pool)
-    for one, alone in zip(found, factors_of_parts(regression, parts), strict=True):
-        np.testing.assert_array_equal(one.factors, alone.factors)
+        result = factors_of_parts(regression, parts, pool)
+    for case, alone in zip(result, factors_of_parts(regression, parts), strict=True):
+        np.testing.assert_array_equal(case.factors, alone.factors)
 
 
 def test_packed_factors_are_unpacked_to_the_last_digit() -> None:
-    one, _ = drawn(300)
-    found = factorise([one], MODEL.structure)
-    content = pack_factors(found, MODEL.structure)
-    assert len(content) < 0.4 * found.factors.nbytes  # zeros are left out
-    again = unpack_factors(content, found.rows.tolist(), MODEL.structure)
-    np.testing.assert_array_equal(again.factors, found.factors)
-    np.testing.assert_array_equal(again.rows, found.rows)
+    case, _ = drawn(300)
+    factors = factorise([case], MODEL.structure)
+    content = pack_factors(factors, MODEL.structure)
+    assert len(content) < 0.4 * factors.factors.nbytes  # zeros are left out
+    again = unpack_factors(content, factors.rows.tolist(), MODEL.structure)
+    np.testing.assert_array_equal(again.factors, factors.factors)
+    np.testing.assert_array_equal(again.rows, factors.rows)
     with pytest.raises(ValueError, match="NumPy boolean array indexing"):
-        unpack_factors(content[:-8], found.rows.tolist(), MODEL.structure)
+        unpack_factors(content[:-8], factors.rows.tolist(), MODEL.structure)
 
 
 def test_a_part_that_fails_is_named() -> None:

@@ -24,8 +24,8 @@ def columns(sizes: list[float], seed: int = 0) -> Array:
 def test_a_column_is_rounding_beside_those_of_its_kind_only_in_a_robot_file() -> None:
     """A moment about an axis that is turned by the rounding of 3.1416 acts a millionth as much as the others."""
     X = columns([1.0, 1.0, 1.0, 3e-6])
-    found = rank_of(factor(X), BODY)
-    assert (found.rank, found.groups) == (3, ((3,),))
+    rank = rank_of(factor(X), BODY)
+    assert (rank.rank, rank.groups) == (3, ((3,),))
     assert rank_of(factor(X), FREE).rank == 4
     mass = rank_of(factor(columns([3e-6, 1.0, 1.0, 1.0])), BODY)
     assert mass.rank == 4  # a small effect of another kind, in other units
@@ -37,25 +37,25 @@ def test_columns_of_a_kind_share_the_scale_of_the_largest_in_any_unit() -> None:
     parameters = [Parameter(f"{role}{k}", "", role=role) for k in (1, 2) for role in roles]
     sizes = np.array([3, 5, 7, 0.2, 0.3, 11, 13, 2, 6, 4, 0.1, 0.5, 12, 14.0])
     for unit in (1e-9, 1.0, 1e6):
-        found = rank_of(np.diag([*unit * sizes, 0.0]), parameters)
-        np.testing.assert_allclose(found.scale / unit, [3, 7, 7, 0.5, 0.5, 11, 13, 3, 7, 7, 0.5, 0.5, 12, 14])
-        assert found.rank == 14
+        rank = rank_of(np.diag([*unit * sizes, 0.0]), parameters)
+        np.testing.assert_allclose(rank.scale / unit, [3, 7, 7, 0.5, 0.5, 11, 13, 3, 7, 7, 0.5, 0.5, 12, 14])
+        assert rank.rank == 14
 
 
 def test_what_is_reached_is_what_is_determined_and_the_parameters_asked_for() -> None:
     """One without effect is reached on request, and two that are tied together only along what they share."""
     X = columns([1.0, 10.0, 0.1, 0.0])
     X = np.column_stack([X, 4 * X[:, 0]])
-    found = rank_of(factor(X))
+    rank = rank_of(factor(X))
     none, asked = np.zeros(5, dtype=bool), np.arange(5) == 3
     way = np.array([4.0, 0.0, 0.0, 0.0, 1.0]) / np.sqrt(17)
     for axes, expected in ((none, [*np.eye(5)[[1, 2]], way]), (asked, [*np.eye(5)[[1, 2, 3]], way])):
-        reached = found.spanning_directions(axes)
+        reached = rank.spanning_directions(axes)
         np.testing.assert_allclose(reached.T @ reached, np.eye(len(expected)), atol=1e-12)
         np.testing.assert_allclose(reached @ reached.T, np.transpose(expected) @ expected, atol=1e-9)
-    assert not found.spanning_directions(none)[3].any()
-    one = found.spanning_directions(np.arange(5) == 0)  # its partner makes up for it
-    np.testing.assert_allclose(one @ one.T, np.diag([1.0, 1.0, 1.0, 0.0, 1.0]), atol=1e-9)
+    assert not rank.spanning_directions(none)[3].any()
+    case = rank.spanning_directions(np.arange(5) == 0)  # its partner makes up for it
+    np.testing.assert_allclose(case @ case.T, np.diag([1.0, 1.0, 1.0, 0.0, 1.0]), atol=1e-9)
 
 
 @pytest.mark.parametrize("way", ["factor", "information", "within"])
@@ -64,18 +64,18 @@ def test_the_inverse_of_a_singular_information_keeps_what_undetermined_parameter
     X = columns([1.0, 10.0, 0.1])
     X = np.column_stack([X, X[:, 0] + X[:, 2]])  # the last acts as the first and the third
     S = X.T @ X
-    found: Rank = {
+    result: Rank = {
         "factor": lambda: rank_of(factor(X)),
         "information": lambda: rank_of_information(S),
         "within": lambda: rank_of(factor(X)).with_information(S),
     }[way]()
-    inverse = found.inverse
+    inverse = result.inverse
     np.testing.assert_allclose(S @ inverse @ S, S, atol=1e-9 * S.max())
-    assert found.rank == 3
-    assert found.undetermined_mask.tolist() == [True, False, True, True]
-    assert np.abs(inverse[1, found.undetermined_mask]).max() > 0
-    covariance = found.covariance(2.0)
-    assert np.isinf(np.diag(covariance)[found.undetermined_mask]).all()
+    assert result.rank == 3
+    assert result.undetermined_mask.tolist() == [True, False, True, True]
+    assert np.abs(inverse[1, result.undetermined_mask]).max() > 0
+    covariance = result.covariance(2.0)
+    assert np.isinf(np.diag(covariance)[result.undetermined_mask]).all()
     assert covariance[1, 1] == 2.0 * inverse[1, 1]
     assert np.count_nonzero(covariance[1]) == np.count_nonzero(covariance[:, 1]) == 1
 
@@ -93,24 +93,24 @@ def test_weights_of_the_rows_do_not_decide() -> None:
     weighted = X * weight
     weighted[:5, :2] *= 1e-6  # only the third acts on the heavy rows
     shown = rank_of(factor(weighted / weight), BODY)
-    found = rank_of(factor(weighted), BODY, unweighted=shown)
-    assert rank_of(factor(weighted), BODY).rank < shown.rank == found.rank == 3
-    assert found.groups == ((3,),)
-    np.testing.assert_allclose(found.determined_directions[3], 0.0, atol=1e-12)
+    rank = rank_of(factor(weighted), BODY, unweighted=shown)
+    assert rank_of(factor(weighted), BODY).rank < shown.rank == rank.rank == 3
+    assert rank.groups == ((3,),)
+    np.testing.assert_allclose(rank.determined_directions[3], 0.0, atol=1e-12)
     full = rank_of(factor(X[:, :3]), FREE[:3])
     again = rank_of(factor(X[:, :3]), FREE[:3], unweighted=full)
     np.testing.assert_allclose(again.inverse, full.inverse, rtol=1e-12)
 
 
 def test_rounding_below_zero_in_an_information_is_zero() -> None:
-    found = rank_of(factor(columns([1.0, 1.0, 1.0]))).with_information(np.diag([4.0, 1.0, -1e-15]))
-    assert found.rank == 2
-    assert found.values[-1] == 0.0
-    assert found.condition == np.inf
+    result = rank_of(factor(columns([1.0, 1.0, 1.0]))).with_information(np.diag([4.0, 1.0, -1e-15]))
+    assert result.rank == 2
+    assert result.values[-1] == 0.0
+    assert result.condition == np.inf
 
 
 def test_a_regressor_of_zeros_determines_nothing_with_and_without_weights() -> None:
     shown = rank_of(np.zeros((4, 4)))
-    for found in (shown, rank_of(np.zeros((4, 4)), unweighted=shown)):
-        assert (found.rank, found.undetermined_mask.all()) == (0, True)
-        assert found.values.tolist() == [0.0, 0.0, 0.0]
+    for result in (shown, rank_of(np.zeros((4, 4)), unweighted=shown)):
+        assert (result.rank, result.undetermined_mask.all()) == (0, True)
+        assert result.values.tolist() == [0.0, 0.0, 0.0]

@@ -22,15 +22,15 @@ def log(start: float, seed: int, scale: float = 1.0, noise: float = 0.01) -> Log
 
 @pytest.mark.parametrize("lag", [-1.3, -0.04, 0.0, 0.04, 0.0013, 2.5])
 def test_a_repeat_is_found_at_its_lag(lag: float) -> None:
-    found = repeat_of(log(lag, 1), log(0.0, 2))
-    assert found.lag == pytest.approx(lag, abs=3e-4)
-    assert found.error < 1
+    result = repeat_of(log(lag, 1), log(0.0, 2))
+    assert result.lag == pytest.approx(lag, abs=3e-4)
+    assert result.error < 1
 
 
 def test_the_same_samples_are_told_from_a_repeat() -> None:
-    whole = log(0.0, 1)
-    assert repeat_of(whole.window(4.0), whole).error < 1e-6
-    assert repeat_of(log(0.0, 2), whole).error > 1e-3
+    test_log = log(0.0, 1)
+    assert repeat_of(test_log.window(4.0), test_log).error < 1e-6
+    assert repeat_of(log(0.0, 2), test_log).error > 1e-3
 
 
 @pytest.mark.parametrize("seed", range(5, 15))

@@ -32,14 +32,14 @@ def squares(factors: Array) -> Array:
 
 def test_factors_of_the_entries_are_those_of_the_regressor() -> None:
     pairs = [drawn(samples, samples) for samples in (5, 300, 1, 40)]
-    found = factorise([one for one, _ in pairs], MODEL.structure)
-    whole = triangularise((one for _, one in pairs), n, p)
-    size = np.abs(squares(whole.factors)).max()
-    np.testing.assert_allclose(squares(found.factors), squares(whole.factors), atol=1e-13 * size)
-    np.testing.assert_array_equal(found.rows, whole.rows)
-    np.testing.assert_array_equal(np.tril(found.factors, -1), 0.0)
+    factors = factorise([x for x, _ in pairs], MODEL.structure)
+    full = triangularise((x for _, x in pairs), n, p)
+    size = np.abs(squares(full.factors)).max()
+    np.testing.assert_allclose(squares(factors.factors), squares(full.factors), atol=1e-13 * size)
+    np.testing.assert_array_equal(factors.rows, full.rows)
+    np.testing.assert_array_equal(np.tril(factors.factors, -1), 0.0)
     theta = np.random.default_rng(0).normal(size=p)
-    np.testing.assert_allclose(found.residual(theta), whole.residual(theta), rtol=1e-12)
+    np.testing.assert_allclose(factors.residual(theta), full.residual(theta), rtol=1e-12)
 
 
 def test_few_rows_are_stacked_to_a_whole_factor() -> None:
@@ -49,27 +49,27 @@ def test_few_rows_are_stacked_to_a_whole_factor() -> None:
 
 
 def test_a_block_gives_regressor_torque_and_weighted_rows() -> None:
-    one, whole = drawn(30)
+    case, full = drawn(30)
     theta, weight = np.random.default_rng(2).normal(size=p), np.random.default_rng(3).uniform(1, 2, (n, 30))
-    np.testing.assert_allclose(one.regressor(), whole.Y, atol=1e-12 * np.abs(whole.Y).max())
-    np.testing.assert_allclose(one.torque(theta).T, whole.Y @ theta, rtol=1e-9)
-    np.testing.assert_allclose(one.regressor(np.eye(p)[:, :3]), whole.Y[:, :, :3], atol=1e-12 * np.abs(whole.Y).max())
-    heavy = one.scale_rows(weight)
-    np.testing.assert_allclose(heavy.regressor(), whole.Y * weight.T[:, :, None], atol=1e-12 * np.abs(whole.Y).max())
-    np.testing.assert_array_equal(heavy.tau, one.tau * weight)
+    np.testing.assert_allclose(case.regressor(), full.Y, atol=1e-12 * np.abs(full.Y).max())
+    np.testing.assert_allclose(case.torque(theta).T, full.Y @ theta, rtol=1e-9)
+    np.testing.assert_allclose(case.regressor(np.eye(p)[:, :3]), full.Y[:, :, :3], atol=1e-12 * np.abs(full.Y).max())
+    heavy = case.scale_rows(weight)
+    np.testing.assert_allclose(heavy.regressor(), full.Y * weight.T[:, :, None], atol=1e-12 * np.abs(full.Y).max())
+    np.testing.assert_array_equal(heavy.tau, case.tau * weight)
 
 
 def test_shapes_that_do_not_fit_are_an_error() -> None:
-    one, _ = drawn(30)
+    case, _ = drawn(30)
     with pytest.raises(ValueError, match="must match"):
-        EntryBlock(one.structure, one.entries[1:], one.tau)
+        EntryBlock(case.structure, case.entries[1:], case.tau)
     with pytest.raises(ValueError, match="must match"):
-        EntryBlock(one.structure, one.entries, one.tau[:, 1:])
+        EntryBlock(case.structure, case.entries, case.tau[:, 1:])
 
 
 def test_blas_is_limited_until_the_last_one_is_done() -> None:
     def threads() -> set[int]:
-        return {one["num_threads"] for one in _controller().info() if one["user_api"] == "blas"}
+        return {x["num_threads"] for x in _controller().info() if x["user_api"] == "blas"}
 
     before = threads()
     with one_thread():

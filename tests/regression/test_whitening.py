@@ -48,15 +48,15 @@ def holed(samples: int = 2600) -> Motion:
 
 def variance_before(a: Array, k: int) -> tuple[Array, float]:
     """The best predictor from k rows, and the variance of its error over that of an innovation, by Yule and Walker."""
-    whole = np.zeros(4000)
-    whole[0] = 1.0
-    response = lfilter([1.0], np.append(1.0, -a), whole)
+    zeros = np.zeros(4000)
+    zeros[0] = 1.0
+    response = lfilter([1.0], np.append(1.0, -a), zeros)
     covariance = np.array([response[: len(response) - h] @ response[h:] for h in range(k + 1)])
     if not k:
         return np.zeros(0), covariance[0]
     R = covariance[np.abs(np.subtract.outer(np.arange(k), np.arange(k)))]
-    found = np.linalg.solve(R, covariance[1:])
-    return found, covariance[0] - found @ covariance[1:]
+    solution = np.linalg.solve(R, covariance[1:])
+    return solution, covariance[0] - solution @ covariance[1:]
 
 
 def dense(plain: Regression, noise: Whitening) -> tuple[Array, int]:
@@ -69,17 +69,17 @@ def dense(plain: Regression, noise: Whitening) -> tuple[Array, int]:
         end = k, kept.stop
     best = [[variance_before(a, k) for k in range(len(a) + 1)] for a in noise.coefficients]
     G, count = np.zeros((p + 1, p + 1)), 0
-    for one in stretches:
-        rows, used = (np.concatenate(x) for x in zip(*one, strict=True))
-        found = np.zeros_like(rows)
+    for stretch in stretches:
+        rows, used = (np.concatenate(x) for x in zip(*stretch, strict=True))
+        result = np.zeros_like(rows)
         for j, predictors in enumerate(best):
             age = preceding_counts(used[:, j])
             for t in np.flatnonzero(used[:, j]):
-                known, variance = predictors[k := min(age[t], len(predictors) - 1)]
-                found[t, j] = (rows[t, j] - known @ rows[t - 1 - np.arange(k), j]) / np.sqrt(variance)
+                reference, variance = predictors[k := min(age[t], len(predictors) - 1)]
+                result[t, j] = (rows[t, j] - reference @ rows[t - 1 - np.arange(k), j]) / np.sqrt(variance)
         for t in range(len(rows)):
             some = np.flatnonzero(used[t])
-            G += found[t, some].T @ np.linalg.inv(noise.covariance[np.ix_(some, some)]) @ found[t, some]
+            G += result[t, some].T @ np.linalg.inv(noise.covariance[np.ix_(some, some)]) @ result[t, some]
             count += len(some)
     return G, count
 

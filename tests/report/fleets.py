@@ -28,25 +28,24 @@ RESIDUAL = Scatter(tuple(np.arange(2)[:, None]), np.zeros((2, 2)), dof=100.0)
 
 def names(odd: str = "") -> tuple[str, ...]:
     return tuple(
-        f"{one}{odd}"
-        for one in ("Fv_shoulder", "Fc_shoulder", "Fv_elbow", "Fc_elbow", "offset_shoulder", "offset_elbow")
-    ) + tuple(f"hand{odd}.{one}" for one in ("mx", "my", "mz"))
+        f"{x}{odd}" for x in ("Fv_shoulder", "Fc_shoulder", "Fv_elbow", "Fc_elbow", "offset_shoulder", "offset_elbow")
+    ) + tuple(f"hand{odd}.{x}" for x in ("mx", "my", "mz"))
 
 
 def groups(odd: str = "") -> tuple[ParameterGroup, ...]:
     """Friction and offset of two joints, and the payload."""
     unit, all_names, joints = np.eye(SIZE), names(odd), (f"shoulder{odd}", f"elbow{odd}")
-    found = [
+    result = [
         ParameterGroup(GroupKind.FRICTION, joint, unit[:, 2 * j : 2 * j + 2], all_names[2 * j : 2 * j + 2], UNITS[:2])
         for j, joint in enumerate(joints)
     ]
-    parts = tuple(f"hand{odd}.{one}" for one in ("mass", "my", "mz"))
-    found.append(ParameterGroup(GroupKind.PAYLOAD, joints[1], PAYLOAD, parts, ("kg", "kg m", "kg m")))
-    found += [
+    parts = tuple(f"hand{odd}.{x}" for x in ("mass", "my", "mz"))
+    result.append(ParameterGroup(GroupKind.PAYLOAD, joints[1], PAYLOAD, parts, ("kg", "kg m", "kg m")))
+    result += [
         ParameterGroup(GroupKind.OFFSET, joint, unit[:, 4 + j : 5 + j], all_names[4 + j : 5 + j], ("N m",))
         for j, joint in enumerate(joints)
     ]
-    return tuple(found)
+    return tuple(result)
 
 
 def history(robot: str, logs: int = 20, seed: int = 0, noise: float = 1.0) -> History:
@@ -58,12 +57,12 @@ def history(robot: str, logs: int = 20, seed: int = 0, noise: float = 1.0) -> Hi
 
 
 def change(
-    one: History, group: ParameterGroup, shape: ChangeShape, index: int, size: list[float], **more: object
+    case: History, group: ParameterGroup, shape: ChangeShape, index: int, size: list[float], **more: object
 ) -> Change:
     given = {"std": np.full(len(size), 0.05), "odds": 50.0, "p_value": 0.001} | more
-    rate = np.array(size) / (one.days[-1] - one.days[index]) if shape is ChangeShape.DRIFT else None
-    since, day, between = one.logs[index], float(one.days[index]), (one.logs[index - 1], one.logs[index])
-    return Change(one.robot, group, shape, index, since, day, np.array(size), per_day=rate, between=between, **given)
+    rate = np.array(size) / (case.days[-1] - case.days[index]) if shape is ChangeShape.DRIFT else None
+    since, day, between = case.logs[index], float(case.days[index]), (case.logs[index - 1], case.logs[index])
+    return Change(case.robot, group, shape, index, since, day, np.array(size), per_day=rate, between=between, **given)
 
 
 def row(robot: str, log: str, day: float, k: int, **more: object) -> dict[str, object]:
@@ -80,15 +79,15 @@ def fleet(robots: int = 10, logs: int = 20, odd: str = "", changed: int = 3) -> 
     """Robots of one type; on the first ``changed`` a payload, friction and an offset change. One log has failed."""
     histories = [history(f"arm-{r}{odd}", logs, r) for r in range(robots)]
     kinds, half = groups(odd), logs // 2
-    found = [
+    result = [
         change(histories[0], kinds[2], ChangeShape.STEP, half, [0.5, 0.0, 0.3]),
         change(histories[min(1, robots - 1)], kinds[1], ChangeShape.DRIFT, half, [0.0, 1.5], p_value=0.004),
         change(histories[min(2, robots - 1)], kinds[4], ChangeShape.STEP, half, [-0.4], p_value=0.008, odds=1.5),
     ][:changed]
     rows = [
-        row(one.robot, log, day, k, type=f"ur10{odd}")
-        for one in histories
-        for k, (log, day) in enumerate(zip(one.logs, one.days, strict=True))
+        row(x.robot, log, day, k, type=f"ur10{odd}")
+        for x in histories
+        for k, (log, day) in enumerate(zip(x.logs, x.days, strict=True))
     ]
     lost = {"status": Status.TIMED_OUT.value, "reason": f"longer than 5 s{odd}.", "verdict": None, "folder": ""}
     rows.append(row(histories[-1].robot, f"logs/late{odd}.parquet", 300.0, logs, error=None, errors=None, **lost))
@@ -99,10 +98,10 @@ def fleet(robots: int = 10, logs: int = 20, odd: str = "", changed: int = 3) -> 
         base=FleetBase(names(odd), UNITS, names(odd), (Joint(f"shoulder{odd}"), Joint(f"elbow{odd}"))),
         histories=tuple(histories),
         groups=kinds,
-        types={kind: tuple(one.robot for one in histories)},
+        types={kind: tuple(x.robot for x in histories)},
         start=START,
         identified_count=7,
         warnings=(f"the column 'note{odd}' is not used",),
-        changes=(Changes(0.01, tuple(found), {one.robot: 0.5 for one in histories}, (f"new{odd}",), NONE),),
+        changes=(Changes(0.01, tuple(result), {x.robot: 0.5 for x in histories}, (f"new{odd}",), NONE),),
         pooled={kind: pool_robots(histories[:20], kinds, NONE)} if robots > 2 else {},
     )

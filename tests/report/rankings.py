@@ -73,7 +73,7 @@ def row(k: int, smoother: str, estimator: str, joints: tuple[str, ...]) -> Ranke
     )
 
 
-def untold(found: Ranking) -> Ranking:
+def untold(result: Ranking) -> Ranking:
     """Return the same of logs that are too short to tell differences from chance."""
-    rows = tuple(replace(one, interval=(math.nan, math.nan), p_value=math.nan) for one in found.rows)
-    return replace(found, rows=rows, has_enough_blocks=False, blocks=4.0)
+    rows = tuple(replace(x, interval=(math.nan, math.nan), p_value=math.nan) for x in result.rows)
+    return replace(result, rows=rows, has_enough_blocks=False, blocks=4.0)

@@ -48,7 +48,7 @@ def identified(estimator: Estimator | None = None) -> Identification:
     """The robot identified from two logs, the second held out."""
     bodies, t, rng = tree(), np.arange(350) * 0.02, np.random.default_rng(5)
     model = Model((bodies,), name="tree")
-    theta = np.array([one.value for one in model.parameters]) * 1.05
+    theta = np.array([parameter.value for parameter in model.parameters]) * 1.05
     logs = {}
     for name, phase in (("monday", 0.0), ("tuesday", 1.0)):
         wave = np.outer(t, [1.3, 2.1, 3.2]) * 2.2 + phase
@@ -57,7 +57,7 @@ def identified(estimator: Estimator | None = None) -> Identification:
         q, dq, ddq = size * np.sin(wave), size * speed * np.cos(wave), -size * speed**2 * np.sin(wave)
         tau = model.torque(q, dq, ddq, theta=theta) + 0.02 * rng.standard_normal(q.shape)
         q = q + 1e-5 * rng.standard_normal(q.shape)
-        logs[name] = Log(t, q, tau, tuple(one.name for one in model.joints), name)
+        logs[name] = Log(t, q, tau, tuple(joint.name for joint in model.joints), name)
     recipe = Recipe(Spline(sigma=1e-5), estimator=estimator or LeastSquares())
-    found = identify(model, {"monday": logs["monday"]}, {"tuesday": logs["tuesday"]}, recipe)
-    return replace(found, provenance=replace(found.provenance, model=SourceFile("nowhere/tree.urdf", "", TREE)))
+    result = identify(model, {"monday": logs["monday"]}, {"tuesday": logs["tuesday"]}, recipe)
+    return replace(result, provenance=replace(result.provenance, model=SourceFile("nowhere/tree.urdf", "", TREE)))

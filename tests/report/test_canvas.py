@@ -38,9 +38,9 @@ def linear(colour: str) -> np.ndarray:
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 
-def contrast(one: str, other: str) -> float:
+def contrast(name: str, other: str) -> float:
     """The ratio of luminances of WCAG 2."""
-    low, high = sorted(float(linear(colour) @ (0.2126, 0.7152, 0.0722)) for colour in (one, other))
+    low, high = sorted(float(linear(colour) @ (0.2126, 0.7152, 0.0722)) for colour in (name, other))
     return (high + 0.05) / (low + 0.05)
 
 
@@ -51,15 +51,15 @@ def seen(colour: str, sight: str) -> np.ndarray:
 def schemes() -> tuple[dict[str, str], dict[str, str]]:
     """The colours of the page by name, light and dark."""
     text = files("dynident.report").joinpath("templates", "page.css").read_text()
-    found = re.findall(r"--(\w+): light-dark\((#\w{6}), (#\w{6})\)", text)
-    return {name: light for name, light, _ in found}, {name: dark for name, _, dark in found}
+    matches = re.findall(r"--(\w+): light-dark\((#\w{6}), (#\w{6})\)", text)
+    return {name: light for name, light, _ in matches}, {name: dark for name, _, dark in matches}
 
 
 def on_dark(colour: str) -> str:
     """A colour as the styles of the page turn it on dark paper: ``hue-rotate`` of W3C Filter Effects."""
     text = files("dynident.report").joinpath("templates", "page.css").read_text()
-    (found,) = re.findall(r"filter: invert\(1\) hue-rotate\((\d+)deg\) brightness\(([\d.]+)\)", text)
-    angle, brightness = np.deg2rad(float(found[0])), float(found[1])
+    (match,) = re.findall(r"filter: invert\(1\) hue-rotate\((\d+)deg\) brightness\(([\d.]+)\)", text)
+    angle, brightness = np.deg2rad(float(match[0])), float(match[1])
     grey = np.array([0.213, 0.715, 0.072])
     sine = [[-0.213, -0.715, 0.928], [0.143, 0.140, -0.283], [-0.787, 0.715, 0.072]]
     turn = grey + np.cos(angle) * (np.eye(3) - grey) + np.sin(angle) * np.array(sine)

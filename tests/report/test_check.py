@@ -75,7 +75,7 @@ def test_each_of_several_outliers_is_named() -> None:
         " Also in two (b: 1 by up to 60, sample 5 (t = 1700.01 s))."
     )
     apart = rows(made[0], spikes("b", "two", 5, 60.0, held_out=True))["Warnings"]
-    assert [one[0] for one in apart] == ["one: a", "two: b"]
+    assert [x[0] for x in apart] == ["one: a", "two: b"]
     assert "The error on this log counts it as measured" in apart[1][1]
 
 
@@ -96,34 +96,36 @@ def test_spikes_that_are_too_many_are_not_like_a_few() -> None:
         Finding(kind(9, (1, 5, 7), (0.1, 0.5, 0.7), 3.0, False), joint, source="one")
         for joint, kind in (("a", log_notes.PositionSpikes), ("b", log_notes.ManyPositionSpikes))
     ]
-    assert [one[0] for one in rows(*made)["Warnings"]] == ["one: b", "one: a"]  # what forbids a use comes first
+    assert [x[0] for x in rows(*made)["Warnings"]] == ["one: b", "one: a"]  # what forbids a use comes first
 
 
 def test_several_statements_on_one_place_stay_apart() -> None:
     made = [Finding(UnexcitedParameters((name,), ("a",))) for name in ("Fv_a", "Fc_a")]
-    assert rows(*made) == {"Warnings": [("", str(one.message)) for one in made]}
+    assert rows(*made) == {"Warnings": [("", str(x.message)) for x in made]}
 
 
 def test_the_most_severe_first_and_counted() -> None:
-    found = CheckResult(
+    result = CheckResult(
         (
             Finding(Remark("torn."), source="one", severity=Severity.ERROR),
             Finding(Remark("so."), source="one", severity=Severity.INFO),
         )
     )
-    assert list(rows(*found.findings)) == ["Errors", "Good to know"]
-    assert found.has_errors
-    assert check_summary(found) == "1 error."
+    assert list(rows(*result.findings)) == ["Errors", "Good to know"]
+    assert result.has_errors
+    assert check_summary(result) == "1 error."
     assert check_summary(CheckResult(())) == "No errors and no warnings."
 
 
 def test_a_check_says_the_same_as_a_dictionary_and_as_a_table() -> None:
     time_offset, missing = TimeOffset(0.005, 4.0, 2.0), UnexcitedParameters(("Fv_b",), ("b",))
     findings = (Finding(missing), Finding(time_offset, severity=Severity.INFO))
-    found = CheckResult(findings, rank=ExcitedRank(3, 2, 3, 10.0, (missing,)))
-    shown = [one["message"] for one in check_dict(found)["findings"]]
-    assert shown == [row[1] for table in check_tables(found) for row in table.rows] == [str(missing), f"{time_offset}."]
-    told = check_dict(found)
+    result = CheckResult(findings, rank=ExcitedRank(3, 2, 3, 10.0, (missing,)))
+    shown = [x["message"] for x in check_dict(result)["findings"]]
+    assert (
+        shown == [row[1] for table in check_tables(result) for row in table.rows] == [str(missing), f"{time_offset}."]
+    )
+    told = check_dict(result)
     assert told["rank"]["missing"][0]["words"] == shown[0]
     assert [type(told["findings"][0][key]) for key in ("severity", "topic")] == [str, str]
     assert check_dict(CheckResult(()))["rank"] is None

@@ -32,7 +32,7 @@ def found() -> dy.Identification:
 @pytest.fixture(scope="module")
 def saved(found: dy.Identification) -> dy.Identification:
     """As a result is loaded: without signals."""
-    return replace(found, validations=tuple(replace(one, signals=None) for one in found.validations))
+    return replace(found, validations=tuple(replace(validation, signals=None) for validation in found.validations))
 
 
 def test_a_terminal_shows_verdict_errors_and_parameters(found: dy.Identification) -> None:
@@ -71,7 +71,9 @@ def test_parameters_that_the_data_determine_come_first(found: dy.Identification)
 
 def test_a_notebook_shows_tables_and_no_markup_of_names(found: dy.Identification) -> None:
     model = replace(found.model, name=EVIL)
-    evil = replace(found, model=model, validations=tuple(replace(one, name=EVIL) for one in found.validations))
+    evil = replace(
+        found, model=model, validations=tuple(replace(validation, name=EVIL) for validation in found.validations)
+    )
     html = evil._repr_html_()
     assert "<script" not in html
     assert "&lt;script&gt;" in html
@@ -107,7 +109,7 @@ def test_wrong_names_are_answered_with_the_choices(found: dy.Identification) -> 
         found.plot.torque("teusday")
     with pytest.raises(InputError, match="no joint 'sldr'; did you mean 'slider'"):
         found.plot.smoothing("tuesday", "sldr")
-    still = replace(found, validations=tuple(replace(one, free_run=None) for one in found.validations))
+    still = replace(found, validations=tuple(replace(validation, free_run=None) for validation in found.validations))
     with pytest.raises(InputError, match="no free simulation; ask for one"):
         still.plot.free_run()
 

@@ -127,13 +127,15 @@ SETTINGS = {
 @pytest.mark.parametrize("kind", TERMS.table)
 def test_every_kind_of_term_has_an_equation_and_words(kind):
     term = TERMS.get(kind)(joints=(Joint("one"),), **SETTINGS.get(kind, {}))
-    assert {name for one in term.equations for name in one.parameters} == {one.name for one in term.parameters}
+    assert {name for equation in term.equations for name in equation.parameters} == {
+        parameter.name for parameter in term.parameters
+    }
     assert term_words(term) in seen(found(Model((term,))))
     assert term_words(term) in SUMMAND_ORDER
 
 
 def meanings(model):
-    rows = tuple((one.name, one.expression) for one in model.parameters)
+    rows = tuple((parameter.name, parameter.expression) for parameter in model.parameters)
     return with_formulas(PageTable((Column("parameter", numeric=False), MEANING), rows), model)
 
 

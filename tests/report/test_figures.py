@@ -93,8 +93,8 @@ def test_noise_levels_are_worded_without_padding(value, text):
 
 
 def test_trace_figure_has_the_colours_of_the_article():
-    late = motion(lambda t: t >= 1.75)
-    traces = {"simulated": motion(), "spline": motion(), "filtered": late, "raw": motion(), "kalman": motion()}
+    test_motion = motion(lambda t: t >= 1.75)
+    traces = {"simulated": motion(), "spline": motion(), "filtered": test_motion, "raw": motion(), "kalman": motion()}
     figure = figures.trace_figure(traces, 1, "ddq")
     looks = {trace.name: (trace.line.color, trace.line.dash, trace.visible) for trace in figure.data}
     assert looks["simulated"] == (canvas.BLUE, None, True)
@@ -104,8 +104,8 @@ def test_trace_figure_has_the_colours_of_the_article():
     assert looks["raw differences"][2] == "legendonly"
     assert looks["kalman"][0] in canvas.EXTRA_COLOURS
     kept, clipped = (next(t for t in figure.data if t.name.endswith(end)).y for end in ("differences", "clipped"))
-    np.testing.assert_array_equal(np.isnan(figure.data[3].y), ~late.mask)
-    np.testing.assert_array_equal(np.isnan(clipped), late.mask)
+    np.testing.assert_array_equal(np.isnan(figure.data[3].y), ~test_motion.mask)
+    np.testing.assert_array_equal(np.isnan(clipped), test_motion.mask)
     assert len(kept) == len(clipped)
 
 
@@ -142,8 +142,8 @@ def test_torque_figure_keeps_a_spike_of_one_sample():
 
 def test_times_are_not_merged_by_single_precision():
     long = motion(n=3000)
-    late = Motion(long.t / 1000 + 1.7e9, long.q, long.dq, long.ddq, long.tau, long.joints, long.mask)
-    assert (np.diff(figures.motion_figure(late, "joint1").data[0].x) > 0).all()
+    test_motion = Motion(long.t / 1000 + 1.7e9, long.q, long.dq, long.ddq, long.tau, long.joints, long.mask)
+    assert (np.diff(figures.motion_figure(test_motion, "joint1").data[0].x) > 0).all()
     assert figures.motion_figure(long, "joint1").data[0].x.dtype == np.float32
 
 
@@ -260,10 +260,10 @@ def test_run_figure_breaks_where_the_simulation_starts_anew():
 
 def test_stamps_far_from_zero_are_counted_from_the_first():
     early = motion()
-    late = replace(early, t=early.t + 1.7e9)
-    for one, zero, title in ((early, 0.0, "time, s"), (late, 1.7e9, "time since 2023-11-14 22:13:20 UTC, s")):
-        figure = figures.torque_figure(validation(one), "joint1")
-        np.testing.assert_allclose(figure.data[0].x, one.t - zero, atol=1e-5)
+    delayed = replace(early, t=early.t + 1.7e9)
+    for case, zero, title in ((early, 0.0, "time, s"), (delayed, 1.7e9, "time since 2023-11-14 22:13:20 UTC, s")):
+        figure = figures.torque_figure(validation(case), "joint1")
+        np.testing.assert_allclose(figure.data[0].x, case.t - zero, atol=1e-5)
         assert figure.layout.xaxis2.title.text == title
 
 
@@ -296,4 +296,4 @@ def test_a_drawing_is_written_as_plotly_writes_its_figure():
     mine, theirs = json.loads(drawing.json()), json.loads(drawing.figure().to_json())
     assert mine == theirs
     assert "meta" not in mine["data"][0]
-    assert [one["yaxis"] for one in mine["data"][:2]] == ["y", "y2"]
+    assert [x["yaxis"] for x in mine["data"][:2]] == ["y", "y2"]

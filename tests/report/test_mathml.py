@@ -35,7 +35,7 @@ EXPRESSIONS = (
 
 
 def test_an_expression_is_typeset():
-    check_kept("expressions", "\n".join(f"{one}: {text(inline(one))}" for one in EXPRESSIONS))
+    check_kept("expressions", "\n".join(f"{x}: {text(inline(x))}" for x in EXPRESSIONS))
 
 
 def test_all_functions_of_equations_are_known():
@@ -58,10 +58,10 @@ def test_too_deep_an_expression_stays_text():
 
 
 def test_values_stand_for_names_with_their_signs():
-    known = {"F_v": -0.4912, "c": 2.0, "k": ExactNumber(100), "w": ExactNumber(0.02)}
-    assert text(inline("F_v * dq + c", known)) == "−0.491q˙+2.00"
-    assert text(inline("c * cos(k * q) - F_v * tanh(dq / w)", known)) == "2.00cos(100q)+0.491tanh(q˙/0.02)"
-    assert [sign for sign, _ in signed_summands("F_v * dq + c - k", known)] == ["\u2212", "+", "\u2212"]
+    reference = {"F_v": -0.4912, "c": 2.0, "k": ExactNumber(100), "w": ExactNumber(0.02)}
+    assert text(inline("F_v * dq + c", reference)) == "−0.491q˙+2.00"
+    assert text(inline("c * cos(k * q) - F_v * tanh(dq / w)", reference)) == "2.00cos(100q)+0.491tanh(q˙/0.02)"
+    assert [sign for sign, _ in signed_summands("F_v * dq + c - k", reference)] == ["\u2212", "+", "\u2212"]
 
 
 def test_numbers_have_powers_of_ten_and_no_sign():
@@ -84,6 +84,6 @@ def test_the_summands_of_a_symbol():
 
 
 def test_powers_of_symbols_stand_above_their_subscripts():
-    found = str(inline("lc1**2"))
-    assert found.startswith('<math alttext="lc1**2"><msubsup><mi>l</mi>')
-    ElementTree.fromstring(found)
+    result = str(inline("lc1**2"))
+    assert result.startswith('<math alttext="lc1**2"><msubsup><mi>l</mi>')
+    ElementTree.fromstring(result)

@@ -61,7 +61,7 @@ def test_no_part_of_the_package_is_a_repr():
             cls = family.get(kind)
             part = cls(Spline(), 0.1) if cls is TimeShifted else cls()
             assert "(" not in part_text(part)
-            assert not any(f"{one.name}=" in part_text(part) for one in fields(part))
+            assert not any(f"{field.name}=" in part_text(part) for field in fields(part))
 
 
 def test_values():

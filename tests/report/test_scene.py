@@ -28,13 +28,13 @@ def numbers(text: str) -> np.ndarray:
     return np.frombuffer(b64decode(text), "<f4")
 
 
-def poses(found: dict, q: np.ndarray) -> list[np.ndarray]:
+def poses(result: dict, q: np.ndarray) -> list[np.ndarray]:
     """Do what the page does: each body after its parent, at its position."""
     out = []
-    placement, axis = numbers(found["placement"]).reshape(-1, 3, 4), numbers(found["axis"]).reshape(-1, 3)
-    for b, parent in enumerate(found["parent"]):
+    placement, axis = numbers(result["placement"]).reshape(-1, 3, 4), numbers(result["axis"]).reshape(-1, 3)
+    for b, parent in enumerate(result["parent"]):
         joint, (x, y, z) = np.eye(4), axis[b]
-        if found["slides"][b]:
+        if result["slides"][b]:
             joint[:3, 3] = q[b] * axis[b]
         else:
             across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -48,15 +48,15 @@ def test_bodies_follow_each_other_as_those_of_the_robot_do() -> None:
     """A tree with a prismatic joint, a branch, and a joint that mimics another."""
     moving = MovingTrace(solid("<b>", CUBE, "#000000"), CUBE.vertices, np.full(8, 1))
     figure = scene_figure(BODIES, [Replay("one", 0.0, 5.0, Q)], [moving])
-    found = json.loads(figure.json())["motion"]
-    q = numbers(found["replays"][0]["q"]).reshape(6, len(BODIES.arm.bodies))
+    content = json.loads(figure.json())["motion"]
+    q = numbers(content["replays"][0]["q"]).reshape(6, len(BODIES.arm.bodies))
     placed = BODIES.placements(Q)
     for k in range(6):
-        for b, pose in enumerate(poses(found["bodies"], q[k])):
+        for b, pose in enumerate(poses(content["bodies"], q[k])):
             np.testing.assert_allclose(pose[:3, :3], placed.rotations[k, b], atol=1e-5)
             np.testing.assert_allclose(pose[:3, 3], placed.origins[k, b], atol=1e-5)
-    np.testing.assert_allclose(numbers(found["moving"][0]["points"]).reshape(-1, 3), CUBE.vertices)
-    assert found["moving"][0]["body"] == [[1, 8]]
+    np.testing.assert_allclose(numbers(content["moving"][0]["points"]).reshape(-1, 3), CUBE.vertices)
+    assert content["moving"][0]["body"] == [[1, 8]]
     assert figure.data[0]["name"] == "&lt;b&gt;"
     first = np.stack([figure.data[0][axis] for axis in "xyz"], axis=1)
     np.testing.assert_allclose(first, placed.points([1] * 8, CUBE.vertices)[0], atol=1e-6)
@@ -90,24 +90,24 @@ def level(points: np.ndarray) -> np.ndarray:
 
 
 def test_an_ellipsoid_is_where_its_axes_are_and_looks_outwards() -> None:
-    found = solid_ellipsoids([ONE, ROD], "found")
-    mine = found.body == 2
-    np.testing.assert_allclose(level(found.points[mine]), 1.0)
-    np.testing.assert_allclose(np.ptp(found.points[mine], axis=0), [0.4, 0.6, 0.2])
-    faces = np.stack([found.trace[name] for name in "ijk"], axis=1)
-    a, b, c = (found.points[faces[:, k]] for k in range(3))
+    result = solid_ellipsoids([ONE, ROD], "found")
+    mine = result.body == 2
+    np.testing.assert_allclose(level(result.points[mine]), 1.0)
+    np.testing.assert_allclose(np.ptp(result.points[mine], axis=0), [0.4, 0.6, 0.2])
+    faces = np.stack([result.trace[name] for name in "ijk"], axis=1)
+    a, b, c = (result.points[faces[:, k]] for k in range(3))
     middle = np.where(faces[:, :1] < mine.sum(), ONE.centre, ROD.centre)
     assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), a - middle) > 0).all()
-    assert len(found.trace["facecolor"]) == len(faces)
-    assert found.trace["facecolor"][0] == "#0072b2"
-    assert found.trace["facecolor"][-1] == "#e69f00"
+    assert len(result.trace["facecolor"]) == len(faces)
+    assert result.trace["facecolor"][0] == "#0072b2"
+    assert result.trace["facecolor"][-1] == "#e69f00"
 
 
 def test_circles_lie_on_the_ellipsoid_with_gaps_between() -> None:
-    found = ellipsoid_circles([ONE], "file")
-    gaps = np.isnan(found.points).all(axis=1)
+    result = ellipsoid_circles([ONE], "file")
+    gaps = np.isnan(result.points).all(axis=1)
     assert gaps.sum() == 3
-    np.testing.assert_allclose(level(found.points[~gaps]), 1.0)
+    np.testing.assert_allclose(level(result.points[~gaps]), 1.0)
 
 
 def test_a_rod_is_still_seen() -> None:

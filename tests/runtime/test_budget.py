@@ -46,4 +46,4 @@ def test_another_thread_has_it_by_the_function_that_it_is_given() -> None:
 
 
 def test_amounts_in_words() -> None:
-    assert [format_bytes(one) for one in (2e6, 99e6, 0.1e9, 4.2e9)] == ["2 MB", "99 MB", "0.1 GB", "4.2 GB"]
+    assert [format_bytes(x) for x in (2e6, 99e6, 0.1e9, 4.2e9)] == ["2 MB", "99 MB", "0.1 GB", "4.2 GB"]

@@ -148,7 +148,7 @@ def test_the_schema_of_a_configuration_lists_every_kind():
 
 
 def test_a_format_is_called_as_its_kind():
-    assert {kind: EXPORTERS.get(kind)().format for kind in EXPORTERS.table} == {one: one for one in EXPORTERS.table}
+    assert {kind: EXPORTERS.get(kind)().format for kind in EXPORTERS.table} == {x: x for x in EXPORTERS.table}
 
 
 def test_a_value_without_a_plain_form_is_refused():
@@ -170,7 +170,7 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "dynident_lab.py").write_text(SAVITZKY)
     (tmp_path / "dynident_ends.py").write_text("raise SystemExit('it ends')")
     monkeypatch.syspath_prepend(tmp_path)
-    found = [
+    result = [
         entry("polynomials", "dynident_lab:SavitzkyGolay", "dynident.smoothers"),
         entry("spline", "dynident_lab:SavitzkyGolay", "dynident.smoothers"),
         entry("lost", "dynident_lost:Smoother", "dynident.smoothers"),
@@ -182,7 +182,7 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
     def entry_points(**given: str) -> object:
         group = given.get("group", "")
-        return [one for one in found if one.group == group] if group.startswith("dynident.") else real(**given)
+        return [x for x in result if x.group == group] if group.startswith("dynident.") else real(**given)
 
     monkeypatch.setattr(metadata, "entry_points", entry_points)
 
@@ -208,10 +208,10 @@ def test_a_package_adds_a_part_by_an_entry_point():
 
 @pytest.mark.usefixtures("lab")
 def test_a_schema_is_made_where_an_installed_part_cannot_be_loaded():
-    found = schemas(SMOOTHERS)
-    assert {"spline", "polynomials", "lost", "ends", "silent"} <= found.keys()
-    assert "cannot be loaded" in found["lost"]["description"]
-    assert found["lost"]["properties"] == {"kind": {"const": "lost"}}
+    result = schemas(SMOOTHERS)
+    assert {"spline", "polynomials", "lost", "ends", "silent"} <= result.keys()
+    assert "cannot be loaded" in result["lost"]["description"]
+    assert result["lost"]["properties"] == {"kind": {"const": "lost"}}
     assert len(list(unusable(SMOOTHERS))) == 3
     done = CliRunner().invoke(main, ["schema"])
     assert done.exit_code == 0

@@ -51,16 +51,16 @@ def test_names_are_cut_in_the_middle() -> None:
 
 def test_the_cut_moves_where_names_differ_in_the_middle() -> None:
     names = ["arm_shoulder_of_the_left_robot", "arm_elbow_of_the_left_robot", "arm_wrist_of_the_left_robot"]
-    found = shorten_names(names, 12)
-    assert len(set(found)) == 3
-    assert all(len(name) <= 12 for name in found)
+    result = shorten_names(names, 12)
+    assert len(set(result)) == 3
+    assert all(len(name) <= 12 for name in result)
 
 
 @given(st.lists(st.text(max_size=40), max_size=5), st.integers(-1, 50))
 def test_no_name_is_longer(names: list[str], width: int) -> None:
-    found = shorten_names(names, width)
-    assert all(len(name) <= max(width, 2) for name in found)
-    assert len(found) == len(names)
+    result = shorten_names(names, width)
+    assert all(len(name) <= max(width, 2) for name in result)
+    assert len(result) == len(names)
 
 
 def test_only_the_first_letter_becomes_upper_case() -> None:

@@ -33,8 +33,8 @@ def regression(seed: int, rho: float, n: int = N, scale: float = 1.0) -> Regress
     return Regression(MODEL, (Motion(t, 0 * dq, dq, 0 * dq, tau, ("a", "b"), np.ones(n, dtype=bool)),))
 
 
-def fit(one: Regression) -> np.ndarray:
-    return solve_least_squares(one.triangular_factors.stack()).value
+def fit(case: Regression) -> np.ndarray:
+    return solve_least_squares(case.triangular_factors.stack()).value
 
 
 @pytest.mark.parametrize("rho", [0.9, 0.995])
@@ -45,12 +45,12 @@ def test_intervals_hold_what_they_say(rho: float) -> None:
     """
     held, longrun = [], []
     for seed in range(140):
-        one = regression(seed, rho)
-        value = fit(one)
+        case = regression(seed, rho)
+        value = fit(case)
         error = np.abs(value - TRUTH)
-        held.append(error < NORMAL_95 * correlated_std(one, value))
+        held.append(error < NORMAL_95 * correlated_std(case, value))
         if rho > 0.99:
-            longrun.append(error < NORMAL_95 * np.sqrt(np.diag(robust_covariance(one, value))))
+            longrun.append(error < NORMAL_95 * np.sqrt(np.diag(robust_covariance(case, value))))
     assert 0.91 < np.mean(held) < 0.99
     assert np.mean(held, axis=0).min() > 0.85
     if rho > 0.99:
@@ -58,43 +58,43 @@ def test_intervals_hold_what_they_say(rho: float) -> None:
 
 
 def test_white_residuals_have_the_plain_errors() -> None:
-    one = regression(5, 0.0, 20_000)
-    plain = plain_std(one, fit(one), np.ones(2), range(4))
-    np.testing.assert_allclose(ColouredFit.of(one, fit(one)).std(), plain, rtol=0.05)
-    white = solve_least_squares(one.triangular_factors.stack())
+    case = regression(5, 0.0, 20_000)
+    plain = plain_std(case, fit(case), np.ones(2), range(4))
+    np.testing.assert_allclose(ColouredFit.of(case, fit(case)).std(), plain, rtol=0.05)
+    white = solve_least_squares(case.triangular_factors.stack())
     np.testing.assert_allclose(plain, np.sqrt(np.diag(white.directions.inverse) * white.rss / 40_000), rtol=0.02)
 
 
 def test_the_correlation_that_the_fit_takes_away_is_put_back() -> None:
     """Over 60 runs the standard errors are the scatter of 400 estimates, within five deviations of both."""
-    told = np.array([ColouredFit.of(one, fit(one)).std() for one in (regression(seed, 0.97) for seed in range(60))])
+    told = np.array([ColouredFit.of(x, fit(x)).std() for x in (regression(seed, 0.97) for seed in range(60))])
     errors = np.array([fit(regression(seed, 0.97)) - TRUTH for seed in range(400)])
     np.testing.assert_allclose(np.sqrt((told**2).mean(axis=0)), errors.std(axis=0), rtol=5 * (0.04 + 0.02))
 
 
 def test_few_independent_samples_widen_the_intervals() -> None:
-    found = coloured._student_quantile(np.full(3, 2.0), 8.0 / np.array([5.0, 0.5, np.inf]))
-    np.testing.assert_allclose(found, [stdtrit(5, 0.975), stdtrit(2, 0.975), stdtrit(1e6, 0.975)])
+    result = coloured._student_quantile(np.full(3, 2.0), 8.0 / np.array([5.0, 0.5, np.inf]))
+    np.testing.assert_allclose(result, [stdtrit(5, 0.975), stdtrit(2, 0.975), stdtrit(1e6, 0.975)])
 
 
 def test_units_and_weights_that_are_equal_do_not_matter() -> None:
-    one, large = regression(3, 0.9), regression(3, 0.9, scale=1e3)
-    found = ColouredFit.of(one, fit(one)).std()
-    np.testing.assert_allclose(ColouredFit.of(large, fit(large)).std(), 1e3 * found, rtol=1e-6)
-    np.testing.assert_allclose(ColouredFit.of(one, fit(one), weights=(3.0, 3.0)).std(), found, rtol=1e-6)
-    np.testing.assert_allclose(ColouredFit.of(one, fit(one), columns=range(4)).std(), found, rtol=1e-12)
+    case, large = regression(3, 0.9), regression(3, 0.9, scale=1e3)
+    result = ColouredFit.of(case, fit(case)).std()
+    np.testing.assert_allclose(ColouredFit.of(large, fit(large)).std(), 1e3 * result, rtol=1e-6)
+    np.testing.assert_allclose(ColouredFit.of(case, fit(case), weights=(3.0, 3.0)).std(), result, rtol=1e-6)
+    np.testing.assert_allclose(ColouredFit.of(case, fit(case), columns=range(4)).std(), result, rtol=1e-12)
 
 
 def test_pieces_of_a_long_log_stand_for_all_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    one = regression(4, 0.9, 20_000)
+    case = regression(4, 0.9, 20_000)
     monkeypatch.setattr(coloured, "MAX_COLOURED_SAMPLES", 40_000)
-    whole = ColouredFit.of(one, fit(one)).std()
+    full = ColouredFit.of(case, fit(case)).std()
     monkeypatch.setattr(coloured, "MAX_COLOURED_SAMPLES", 10_000)
-    np.testing.assert_allclose(ColouredFit.of(one, fit(one)).std(), whole, rtol=0.25)
+    np.testing.assert_allclose(ColouredFit.of(case, fit(case)).std(), full, rtol=0.25)
 
 
 def test_dependent_columns_are_an_error() -> None:
     twice = Model((Viscous(JOINTS), Viscous(JOINTS, names=("again1", "again2"))))
-    one = Regression(twice, regression(0, 0.5).motions)
+    test_regression = Regression(twice, regression(0, 0.5).motions)
     with pytest.raises(ModelError, match="dependent"):
-        correlated_std(one, np.zeros(4))
+        correlated_std(test_regression, np.zeros(4))

@@ -33,14 +33,14 @@ def smoothed(factor: float, seed: int = 0) -> tuple[Motion, Log]:
 def test_the_shares_are_those_of_the_truth(factor: float) -> None:
     """The motion alone, smoothed as much, loses as much."""
     motion, log = smoothed(factor)
-    found = follow_tests(motion, log)["hinge"]
+    result = follow_tests(motion, log)["hinge"]
     clean = smooth(T, position(), Fixed(lam=motion.smoothing["lam"][0]), sigma=motion.smoothing["sigma"][0])
     rows = motion.mask
     share = np.mean((position() - clean.values)[rows] ** 2) / np.mean((log.q - motion.q)[rows] ** 2)
     lost = np.sqrt(np.mean((position(2) - clean.derivative(2))[rows] ** 2) / np.mean(position(2)[rows] ** 2))
-    assert found.is_following
-    assert found.share == pytest.approx(100 * share, rel=0.1)
-    assert found.lost == pytest.approx(100 * lost, abs=0.25)
+    assert result.is_following
+    assert result.share == pytest.approx(100 * share, rel=0.1)
+    assert result.lost == pytest.approx(100 * lost, abs=0.25)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.9])
@@ -57,8 +57,10 @@ def test_noise_alone_is_not_flagged(rho: float) -> None:
 
 def test_a_time_offset_changes_nothing() -> None:
     motion, log = smoothed(2.0)
-    late = TimeShifted(Spline(sigma=2.0 * NOISE), 0.0021)(log)
-    assert follow_tests(late, log)["hinge"].share == pytest.approx(follow_tests(motion, log)["hinge"].share, rel=0.05)
+    delayed = TimeShifted(Spline(sigma=2.0 * NOISE), 0.0021)(log)
+    assert follow_tests(delayed, log)["hinge"].share == pytest.approx(
+        follow_tests(motion, log)["hinge"].share, rel=0.05
+    )
 
 
 def test_it_is_not_known_of_other_smoothers_and_of_joints_at_rest() -> None:

@@ -27,9 +27,9 @@ def resting(t: np.ndarray, tau: np.ndarray, joints: tuple[str, ...], dq: float =
 
 
 def cascade(t: np.ndarray, reference: np.ndarray, saturation: float = np.inf, extra: float = 0.0) -> CascadePD:
-    one = np.ones(1)
-    limits, forward = saturation * one, np.full((len(t), 1), extra)
-    return CascadePD(("slider",), t, reference[:, None], 20 * one, 30 * one, 2 * one, limits, forward)
+    ones = np.ones(1)
+    limits, forward = saturation * ones, np.full((len(t), 1), extra)
+    return CascadePD(("slider",), t, reference[:, None], 20 * ones, 30 * ones, 2 * ones, limits, forward)
 
 
 @cache

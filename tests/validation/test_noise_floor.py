@@ -30,25 +30,25 @@ def log(rng: np.random.Generator, fault: float = 0.0, rho: float = 0.0, period: 
     return LogValidation(name, "validation", errors, signals=Signals(motion, predicted))
 
 
-def floor(one: LogValidation, *others: LogValidation) -> NoiseFloor:
-    return with_floors([one, *others])[0].floors["hinge"]
+def floor(validation: LogValidation, *others: LogValidation) -> NoiseFloor:
+    return with_floors([validation, *others])[0].floors["hinge"]
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.8])
 def test_the_scatter_of_a_motion_that_repeats_is_the_floor(rho: float) -> None:
     """Its size is that of the noise, white or not; the upper limit is missed in about 5 % of the cases."""
-    found = [floor(log(np.random.default_rng(seed), rho=rho)) for seed in range(60)]
-    assert {one.origin for one in found} == {FloorOrigin.REPEATS}
-    assert np.mean([one.size for one in found]) == pytest.approx(NOISE, rel=0.02)
-    assert np.mean([one.upper < 1.0 for one in found]) < 0.15  # 95 % of at least 9 in 60: at most 5 % true
-    assert np.mean([one.is_reached for one in found]) > 0.9
+    result = [floor(log(np.random.default_rng(seed), rho=rho)) for seed in range(60)]
+    assert {x.origin for x in result} == {FloorOrigin.REPEATS}
+    assert np.mean([x.size for x in result]) == pytest.approx(NOISE, rel=0.02)
+    assert np.mean([x.upper < 1.0 for x in result]) < 0.15  # 95 % of at least 9 in 60: at most 5 % true
+    assert np.mean([x.is_reached for x in result]) > 0.9
 
 
 def test_a_fault_of_the_model_is_above_the_floor() -> None:
     """A fault as large as the noise makes the ratio sqrt 2; the limit is below 1.15 in none of 40 cases."""
-    found = [floor(log(np.random.default_rng(seed), fault=1.0, rho=0.8)) for seed in range(40)]
-    assert np.mean([one.ratio for one in found]) == pytest.approx(np.sqrt(2.0), rel=0.05)
-    assert not any(one.is_reached for one in found)
+    result = [floor(log(np.random.default_rng(seed), fault=1.0, rho=0.8)) for seed in range(40)]
+    assert np.mean([x.ratio for x in result]) == pytest.approx(np.sqrt(2.0), rel=0.05)
+    assert not any(x.is_reached for x in result)
 
 
 def test_a_fault_at_the_limit_is_called_the_floor_in_five_of_a_hundred() -> None:
@@ -59,39 +59,43 @@ def test_a_fault_at_the_limit_is_called_the_floor_in_five_of_a_hundred() -> None
 
 
 def test_white_noise_stands_in_where_nothing_repeats() -> None:
-    found = [floor(log(np.random.default_rng(seed), period=47.0, white=True)) for seed in range(20)]
-    assert {one.origin for one in found} == {FloorOrigin.WHITE}
-    assert all(one.is_reached for one in found)
+    result = [floor(log(np.random.default_rng(seed), period=47.0, white=True)) for seed in range(20)]
+    assert {x.origin for x in result} == {FloorOrigin.WHITE}
+    assert all(x.is_reached for x in result)
     assert not floor(log(np.random.default_rng(0), fault=1.0, period=47.0, white=True)).is_reached
     assert with_floors([log(np.random.default_rng(0), period=47.0)])[0].floors == {}
 
 
 def test_another_log_of_the_motion_tells_the_scatter_too() -> None:
-    one, other = (log(np.random.default_rng(seed), 1.0, period=47.0, name=str(seed)) for seed in range(2))
-    assert floor(one, other).size == pytest.approx(NOISE, rel=0.1)
+    first, second = (log(np.random.default_rng(seed), 1.0, period=47.0, name=str(seed)) for seed in range(2))
+    assert floor(first, second).size == pytest.approx(NOISE, rel=0.1)
     different = log(np.random.default_rng(2), period=31.0, name="c")
-    assert with_floors([one, different])[0].floors == {}
+    assert with_floors([first, different])[0].floors == {}
 
 
 def test_passes_that_the_model_tells_apart_are_no_scatter() -> None:
     """The positions repeat, but a torque that the model predicts differs, as with pulses on a stiff drive."""
-    one = log(np.random.default_rng(0))
-    pushed = one.predicted_torque + np.where(T < PERIOD, 3 * NOISE, 0.0)[:, None]
-    motion = replace(one.motion, tau=one.motion.tau + pushed - one.predicted_torque)
-    assert with_floors([replace(one, signals=Signals(motion, pushed))])[0].floors == {}
+    test_log = log(np.random.default_rng(0))
+    pushed = test_log.predicted_torque + np.where(T < PERIOD, 3 * NOISE, 0.0)[:, None]
+    motion = replace(test_log.motion, tau=test_log.motion.tau + pushed - test_log.predicted_torque)
+    assert with_floors([replace(test_log, signals=Signals(motion, pushed))])[0].floors == {}
 
 
 def test_too_few_independent_samples_tell_nothing() -> None:
-    one = log(np.random.default_rng(0), rho=0.998)
-    assert "hinge" not in with_floors([one])[0].floors or not floor(one).is_reached
-    silent = replace(one, signals=Signals(replace(one.motion, tau=one.predicted_torque), one.predicted_torque))
+    test_log = log(np.random.default_rng(0), rho=0.998)
+    assert "hinge" not in with_floors([test_log])[0].floors or not floor(test_log).is_reached
+    silent = replace(
+        test_log, signals=Signals(replace(test_log.motion, tau=test_log.predicted_torque), test_log.predicted_torque)
+    )
     assert with_floors([silent])[0].floors == {}
 
 
 def test_all_joints_together() -> None:
     floors = {"a": NoiseFloor(1.0, 1.0, 1.1, FloorOrigin.REPEATS), "b": NoiseFloor(2.0, 2.0, 2.2, FloorOrigin.WHITE)}
-    one = log(np.random.default_rng(0))
-    both = replace(one, errors=replace(one.errors, rmse={"a": 1.0, "b": 4.0, "c": float("nan")}), floors=floors)
+    test_log = log(np.random.default_rng(0))
+    both = replace(
+        test_log, errors=replace(test_log.errors, rmse={"a": 1.0, "b": 4.0, "c": float("nan")}), floors=floors
+    )
     assert both.over_floor == pytest.approx(np.sqrt(17 / 5))
     assert not both.at_floor
     assert replace(
@@ -103,13 +107,13 @@ def test_all_joints_together() -> None:
 @pytest.mark.parametrize("size", [0.0, 4.0])
 def test_friction_that_changes_between_the_passes_is_no_scatter(size: float) -> None:
     """A friction that falls over the log leaves the floor at the noise, and the residual above it."""
-    found = []
+    result = []
     for seed in range(20):
-        one = log(np.random.default_rng(seed), rho=0.8)
-        speed = np.gradient(one.motion.q, T, axis=0)
-        changed = one.motion.tau + size * NOISE * np.sign(speed) * (0.5 - T[:, None] / T[-1])
-        rmse = {"hinge": float(np.sqrt(np.mean((changed - one.predicted_torque) ** 2)))}
-        signals = Signals(replace(one.motion, dq=speed, tau=changed), one.predicted_torque)
-        found.append(floor(replace(one, errors=replace(one.errors, rmse=rmse), signals=signals)))
-    assert np.mean([one.size for one in found]) == pytest.approx(NOISE, rel=0.03)
-    assert np.mean([one.is_reached for one in found]) == pytest.approx(float(size == 0.0), abs=0.1)
+        test_log = log(np.random.default_rng(seed), rho=0.8)
+        speed = np.gradient(test_log.motion.q, T, axis=0)
+        changed = test_log.motion.tau + size * NOISE * np.sign(speed) * (0.5 - T[:, None] / T[-1])
+        rmse = {"hinge": float(np.sqrt(np.mean((changed - test_log.predicted_torque) ** 2)))}
+        signals = Signals(replace(test_log.motion, dq=speed, tau=changed), test_log.predicted_torque)
+        result.append(floor(replace(test_log, errors=replace(test_log.errors, rmse=rmse), signals=signals)))
+    assert np.mean([x.size for x in result]) == pytest.approx(NOISE, rel=0.03)
+    assert np.mean([x.is_reached for x in result]) == pytest.approx(float(size == 0.0), abs=0.1)

@@ -40,37 +40,43 @@ def motion(dq: ArrayLike, tau: ArrayLike, mask: ArrayLike | None = None) -> Moti
     ],
 )
 def test_relative_error(measured: tuple[float, ...], predicted: tuple[float, ...], percent: float) -> None:
-    found = relative_error(np.array(measured, dtype=float), np.array(predicted, dtype=float))
-    assert found == pytest.approx(percent, nan_ok=True)
+    result = relative_error(np.array(measured, dtype=float), np.array(predicted, dtype=float))
+    assert result == pytest.approx(percent, nan_ok=True)
 
 
 def test_errors_by_hand() -> None:
     """Predicted (2, 10) at the two samples that count; the residuals are (1, 0) and (1, -2)."""
-    found = validate(MODEL, THETA, motion([[1, 1], [1, 1], [9, 9]], [[3, 10], [3, 8], [0, 0]], [1, 1, 0]))
-    np.testing.assert_array_equal(found.predicted_torque, [[2, 10], [2, 10], [18, 90]])
-    assert found.errors.relative_error == pytest.approx(100 * np.sqrt(6 / 182))
-    assert found.errors.relative_error_filtered is None
-    assert found.errors.rmse == pytest.approx({"a": 1.0, "b": np.sqrt(2)})
-    assert found.errors.per_joint == pytest.approx({"a": 100 / 3, "b": 100 * np.sqrt(4 / 164)})
-    assert (found.name, found.role) == ("morning", "validation")
-    assert found.motion.source == "morning"
+    validation = validate(MODEL, THETA, motion([[1, 1], [1, 1], [9, 9]], [[3, 10], [3, 8], [0, 0]], [1, 1, 0]))
+    np.testing.assert_array_equal(validation.predicted_torque, [[2, 10], [2, 10], [18, 90]])
+    assert validation.errors.relative_error == pytest.approx(100 * np.sqrt(6 / 182))
+    assert validation.errors.relative_error_filtered is None
+    assert validation.errors.rmse == pytest.approx({"a": 1.0, "b": np.sqrt(2)})
+    assert validation.errors.per_joint == pytest.approx({"a": 100 / 3, "b": 100 * np.sqrt(4 / 164)})
+    assert (validation.name, validation.role) == ("morning", "validation")
+    assert validation.motion.source == "morning"
 
 
 def test_a_joint_without_torque_has_no_relative_error() -> None:
-    found = validate(MODEL, THETA, motion([[1, 1]] * 3, [[0, 5]] * 3))
-    assert np.isnan(found.errors.per_joint["a"])
-    assert found.errors.per_joint["b"] == pytest.approx(100.0)
-    assert found.errors.rmse == pytest.approx({"a": 2.0, "b": 5.0})
-    assert found.errors.relative_error == pytest.approx(100 * np.sqrt(29 / 25))
+    validation = validate(MODEL, THETA, motion([[1, 1]] * 3, [[0, 5]] * 3))
+    assert np.isnan(validation.errors.per_joint["a"])
+    assert validation.errors.per_joint["b"] == pytest.approx(100.0)
+    assert validation.errors.rmse == pytest.approx({"a": 2.0, "b": 5.0})
+    assert validation.errors.relative_error == pytest.approx(100 * np.sqrt(29 / 25))
 
 
 def test_without_any_torque_there_is_no_relative_error() -> None:
-    found = validate(MODEL, THETA, motion([[1, 1]] * 50, [[0, 0]] * 50), selection=Selection(filter=ParallelFilter(2)))
-    assert found.errors.relative_error_filtered is not None
+    validation = validate(
+        MODEL, THETA, motion([[1, 1]] * 50, [[0, 0]] * 50), selection=Selection(filter=ParallelFilter(2))
+    )
+    assert validation.errors.relative_error_filtered is not None
     assert np.isnan(
-        [found.errors.relative_error, found.errors.relative_error_filtered, *found.errors.per_joint.values()]
+        [
+            validation.errors.relative_error,
+            validation.errors.relative_error_filtered,
+            *validation.errors.per_joint.values(),
+        ]
     ).all()
-    assert found.errors.rmse == pytest.approx({"a": 2.0, "b": 10.0})
+    assert validation.errors.rmse == pytest.approx({"a": 2.0, "b": 10.0})
 
 
 def test_filtered_error_forgives_noise_above_the_cutoff_and_the_unfiltered_does_not() -> None:
@@ -79,28 +85,28 @@ def test_filtered_error_forgives_noise_above_the_cutoff_and_the_unfiltered_does_
     velocity = np.column_stack((2 + np.sin(t), 2 + np.cos(t)))
     noise = np.outer((-1.0) ** np.arange(1000), [1.0, 1.0])
     made = motion(velocity, velocity * THETA + noise)
-    found = validate(MODEL, THETA, made, selection=Selection(filter=ParallelFilter(decimate=4)))
-    assert found.errors.relative_error == pytest.approx(100 * np.sqrt(2000) / np.linalg.norm(made.tau))
-    assert found.errors.relative_error_filtered is not None
-    assert found.errors.relative_error_filtered < 0.1 * found.errors.relative_error
+    validation = validate(MODEL, THETA, made, selection=Selection(filter=ParallelFilter(decimate=4)))
+    assert validation.errors.relative_error == pytest.approx(100 * np.sqrt(2000) / np.linalg.norm(made.tau))
+    assert validation.errors.relative_error_filtered is not None
+    assert validation.errors.relative_error_filtered < 0.1 * validation.errors.relative_error
 
 
 def test_filtered_error_keeps_what_is_below_the_cutoff() -> None:
     """An error of one tenth of the torque at all frequencies stays so."""
     velocity = np.random.default_rng(0).normal(size=(300, 2))
     mask = np.arange(300) % 100 > 3
-    found = validate(
+    validation = validate(
         MODEL, THETA, motion(velocity, velocity * THETA / 0.9, mask), selection=Selection(filter=ParallelFilter(3))
     )
-    assert found.errors.relative_error == pytest.approx(10.0)
-    assert found.errors.relative_error_filtered == pytest.approx(10.0)
+    assert validation.errors.relative_error == pytest.approx(10.0)
+    assert validation.errors.relative_error_filtered == pytest.approx(10.0)
 
 
 def test_single_samples_cannot_be_filtered() -> None:
     made = motion([[1, 1]] * 10, [[2, 10]] * 10, np.arange(10) % 2)
-    found = validate(MODEL, THETA, made, selection=Selection(filter=ParallelFilter(2)))
-    assert found.errors.relative_error == 0.0
-    assert np.isnan(found.errors.relative_error_filtered or 0.0)
+    validation = validate(MODEL, THETA, made, selection=Selection(filter=ParallelFilter(2)))
+    assert validation.errors.relative_error == 0.0
+    assert np.isnan(validation.errors.relative_error_filtered or 0.0)
 
 
 def test_no_usable_sample() -> None:
@@ -123,10 +129,10 @@ class Limited(Viscous):
 
 def test_errors_of_each_joint_in_other_measures() -> None:
     """Residuals (1, 0) and (1, -2) as above: joint a is 1 N m off all the time, which explains all its variance."""
-    found = validate(Model((Limited(MODEL.joints),)), THETA, motion([[1, 1], [2, 1]], [[3, 10], [5, 8]]))
-    assert found.errors.effort_share == pytest.approx({"a": 100 * 1.0 / 20.0})
-    assert found.errors.r2 == pytest.approx({"a": 1.0, "b": 1 - 1.0 / 1.0})
-    assert found.errors.per_joint_filtered == {}
+    validation = validate(Model((Limited(MODEL.joints),)), THETA, motion([[1, 1], [2, 1]], [[3, 10], [5, 8]]))
+    assert validation.errors.effort_share == pytest.approx({"a": 100 * 1.0 / 20.0})
+    assert validation.errors.r2 == pytest.approx({"a": 1.0, "b": 1 - 1.0 / 1.0})
+    assert validation.errors.per_joint_filtered == {}
     assert validate(MODEL, THETA, motion([[1, 1]] * 3, [[2, 10]] * 3)).errors.effort_share == {}
 
 
@@ -134,10 +140,10 @@ def test_filtered_errors_of_each_joint_make_up_the_whole() -> None:
     rng = np.random.default_rng(1)
     velocity = rng.normal(size=(400, 2))
     made = motion(velocity, velocity * THETA + rng.normal(size=(400, 2)) * (1.0, 0.0))
-    found = validate(MODEL, THETA, made, selection=Selection(filter=ParallelFilter(2)))
-    assert found.errors.per_joint_filtered["b"] < 1e-9 < 1 < found.errors.per_joint_filtered["a"]
-    assert found.errors.relative_error_filtered is not None
-    assert found.errors.relative_error_filtered < found.errors.per_joint_filtered["a"]
+    validation = validate(MODEL, THETA, made, selection=Selection(filter=ParallelFilter(2)))
+    assert validation.errors.per_joint_filtered["b"] < 1e-9 < 1 < validation.errors.per_joint_filtered["a"]
+    assert validation.errors.relative_error_filtered is not None
+    assert validation.errors.relative_error_filtered < validation.errors.per_joint_filtered["a"]
 
 
 def test_residuals_are_examined_on_the_longest_stretch() -> None:
@@ -145,8 +151,8 @@ def test_residuals_are_examined_on_the_longest_stretch() -> None:
     mask[100] = False
     torque = np.random.default_rng(2).normal(size=(300, 2))
     torque[:100] += 50.0  # would correlate everything
-    found = validate(MODEL, THETA, motion(np.ones((300, 2)), torque, mask))
-    assert abs(found.residuals["a"].lag1) < 0.3
+    validation = validate(MODEL, THETA, motion(np.ones((300, 2)), torque, mask))
+    assert abs(validation.residuals["a"].lag1) < 0.3
 
 
 def test_mass_is_looked_at_over_the_logs_and_within_the_limits() -> None:
@@ -164,9 +170,9 @@ def test_mass_is_looked_at_over_the_logs_and_within_the_limits() -> None:
     assert check_mass(limited, [*theta, 1, 1], [still]).positive
     assert not check_mass(Model((mass, Viscous(MODEL.joints))), [*theta, 1, 1], [still]).positive
     gone = Motion(still.t, still.q + 0.9, still.dq, still.ddq, still.tau, still.joints, still.mask, "gone")
-    found = check_mass(limited, [*theta, 1, 1], [still, gone])
-    assert not found.positive
-    assert found.q[0] == pytest.approx(0.9)
+    result = check_mass(limited, [*theta, 1, 1], [still, gone])
+    assert not result.positive
+    assert result.q[0] == pytest.approx(0.9)
     # a joint without limits is drawn over a turn or two metres
     drawn: list[tuple[ArrayLike, ArrayLike]] = []
     rng: Any = SimpleNamespace(uniform=lambda lower, upper, size: drawn.append((lower, upper)) or np.zeros(size))

@@ -39,8 +39,8 @@ def test_autocorrelation_is_that_of_the_sums() -> None:
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9, 0.98])
 def test_decorrelation_of_a_known_series(rho: float) -> None:
     """1 + 2 sum rho^k = (1 + rho) / (1 - rho); a mean of 20 series is within a tenth."""
-    found = np.mean([decorrelation(autocorrelation(ar1(rho, 20_000, seed))) for seed in range(20)])
-    assert found == pytest.approx((1 + rho) / (1 - rho), rel=0.1)
+    result = np.mean([decorrelation(autocorrelation(ar1(rho, 20_000, seed))) for seed in range(20)])
+    assert result == pytest.approx((1 + rho) / (1 - rho), rel=0.1)
 
 
 def test_white_noise_is_rejected_as_often_as_stated() -> None:
@@ -54,44 +54,44 @@ def test_white_noise_is_rejected_as_often_as_stated() -> None:
 @pytest.mark.parametrize(("frequency", "low_share"), [(4.5, 1.0), (5.5, 0.0)])
 def test_what_is_below_five_hertz_is_of_the_model(frequency: float, low_share: float) -> None:
     residual = np.sin(2 * np.pi * frequency * T) + 1e-3 * np.random.default_rng(0).standard_normal(N)
-    found = residual_test(residual, DQ, STEP)
-    assert found.low_share == pytest.approx(low_share, abs=0.02)
-    assert (LowFrequency() in found.causes) == (low_share > 0.5)
+    test = residual_test(residual, DQ, STEP)
+    assert test.low_share == pytest.approx(low_share, abs=0.02)
+    assert (LowFrequency() in test.causes) == (low_share > 0.5)
 
 
 def test_a_friction_that_is_missing_at_reversals_is_reported() -> None:
     residual = 0.01 * np.random.default_rng(2).standard_normal(N) + np.where(np.abs(DQ) < 0.03, 1.0, 0.0)
-    found = residual_test(residual, DQ, STEP)
-    assert found.reversal_share > 0.8
-    assert found.slow_share < 0.05
-    assert found.causes[0] == Reversals()
+    test = residual_test(residual, DQ, STEP)
+    assert test.reversal_share > 0.8
+    assert test.slow_share < 0.05
+    assert test.causes[0] == Reversals()
 
 
 def test_a_friction_of_another_level_is_reported() -> None:
-    found = residual_test(0.1 * np.sign(DQ) + 0.02 * np.random.default_rng(3).standard_normal(N), DQ, STEP)
-    assert found.sign_correlation > 0.9
-    assert found.causes == (FrictionLevel(), LowFrequency())
+    test = residual_test(0.1 * np.sign(DQ) + 0.02 * np.random.default_rng(3).standard_normal(N), DQ, STEP)
+    assert test.sign_correlation > 0.9
+    assert test.causes == (FrictionLevel(), LowFrequency())
 
 
 def test_a_ripple_is_reported_with_its_frequency() -> None:
-    found = residual_test(np.sin(2 * np.pi * 26 * T) + 0.3 * np.random.default_rng(4).standard_normal(N), DQ, STEP)
-    assert found.peak == pytest.approx(26, abs=0.3)
-    assert ResidualRipple(found.peak) in found.causes
+    test = residual_test(np.sin(2 * np.pi * 26 * T) + 0.3 * np.random.default_rng(4).standard_normal(N), DQ, STEP)
+    assert test.peak == pytest.approx(26, abs=0.3)
+    assert ResidualRipple(test.peak) in test.causes
 
 
 def test_white_noise_is_no_ripple_and_no_model() -> None:
-    found = residual_test(np.random.default_rng(5).standard_normal(N), DQ, STEP)
-    assert found.p_value > 1e-3
-    assert found.decorrelation == pytest.approx(STEP, rel=0.3)
-    assert found.low_share == pytest.approx(0.05, abs=0.02)  # 5 of 100 Hz
-    assert found.causes == (HighFrequency(),)
+    test = residual_test(np.random.default_rng(5).standard_normal(N), DQ, STEP)
+    assert test.p_value > 1e-3
+    assert test.decorrelation == pytest.approx(STEP, rel=0.3)
+    assert test.low_share == pytest.approx(0.05, abs=0.02)  # 5 of 100 Hz
+    assert test.causes == (HighFrequency(),)
 
 
 @pytest.mark.parametrize("residual", [np.zeros(N), np.ones(N), np.ones(20)])
 def test_nothing_to_examine(residual: np.ndarray) -> None:
-    found = residual_test(residual, DQ[: len(residual)], STEP)
-    assert np.isnan(found.lag1)
-    assert found.causes == ()
+    test = residual_test(residual, DQ[: len(residual)], STEP)
+    assert np.isnan(test.lag1)
+    assert test.causes == ()
 
 
 def test_a_joint_that_stands_still_and_a_slow_sampling() -> None:

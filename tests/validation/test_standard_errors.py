@@ -70,15 +70,18 @@ def test_is_the_printed_formula_with_its_own_bandwidth(
     monkeypatch.setattr(module, "BLOCK", 17)
     mask = np.abs(np.arange(300) - 150) > 4 if holes else None
     motions = (motion(0, 0.8, 300, mask), motion(1, 0.8, 500))
-    motions = tuple(replace(one, keep=np.abs(one.dq) >= min_speed) for one in motions)
+    motions = tuple(replace(x, keep=np.abs(x.dq) >= min_speed) for x in motions)
     regression = Regression(MODEL, motions)
     theta, w2 = np.array([2.0, 3.0, 1.0, -1.0]), np.square(np.ones(2) if weights is None else weights)
     bread, scores = np.zeros((4, 4)), []
-    for one in regression.motions:
-        for part in module.stretches(one.mask):
-            Y = MODEL.regressor(one.q[part], one.dq[part], one.ddq[part]) * one.keep[part][:, :, None]
+    for test_motion in regression.motions:
+        for part in module.stretches(test_motion.mask):
+            Y = (
+                MODEL.regressor(test_motion.q[part], test_motion.dq[part], test_motion.ddq[part])
+                * test_motion.keep[part][:, :, None]
+            )
             bread += np.einsum("j,bji,bjk->ik", w2, Y, Y)
-            scores.append(np.einsum("j,bj,bjp->bp", w2, one.tau[part] - Y @ theta, Y))
+            scores.append(np.einsum("j,bj,bjp->bp", w2, test_motion.tau[part] - Y @ theta, Y))
     length, rows = bandwidth(iter([u]) for u in scores), sum(map(len, scores))
     assert length > 17
     total = np.zeros((4, 4))
@@ -96,13 +99,13 @@ def test_plain_errors_are_those_of_independent_residuals_of_each_joint(weights: 
     """A^-1 (sum w_j^4 s_j^2 Y_j' Y_j) A^-1 with s_j^2 the mean square of joint j."""
     regression = Regression(MODEL, (motion(0, 0.0, 300), motion(1, 0.0, 500)))
     theta, w2 = np.array([2.0, 3.0, 1.0, -1.0]), np.square(weights)
-    Y = np.concatenate([MODEL.regressor(one.q, one.dq, one.ddq) for one in regression.motions])
-    tau = np.concatenate([one.tau for one in regression.motions])
+    Y = np.concatenate([MODEL.regressor(x.q, x.dq, x.ddq) for x in regression.motions])
+    tau = np.concatenate([x.tau for x in regression.motions])
     square = np.mean((tau - Y @ theta) ** 2, axis=0)
     inverse = np.linalg.inv(np.einsum("j,bji,bjk->ik", w2, Y, Y))
     expected = inverse @ np.einsum("j,bji,bjk->ik", w2**2 * square, Y, Y) @ inverse
-    found = hac.plain_std(regression, theta, np.asarray(weights), range(4))
-    np.testing.assert_allclose(found, np.sqrt(np.diag(expected)), rtol=1e-9)
+    result = hac.plain_std(regression, theta, np.asarray(weights), range(4))
+    np.testing.assert_allclose(result, np.sqrt(np.diag(expected)), rtol=1e-9)
 
 
 def test_of_two_samples_one_parameter_leaves_one() -> None:
@@ -110,20 +113,20 @@ def test_of_two_samples_one_parameter_leaves_one() -> None:
     joint = (Joint("a"),)
     t = np.arange(2.0)
     still = np.zeros((2, 1))
-    one = Motion(t, still, still, still, np.array([[1.0], [3.0]]), ("a",), np.ones(2, dtype=bool))
-    found = robust_covariance(Regression(Model((Offset(joint),)), (one,)), [2.0])
-    np.testing.assert_allclose(found, [[2 / 1 * 2 / 4]])
+    test_motion = Motion(t, still, still, still, np.array([[1.0], [3.0]]), ("a",), np.ones(2, dtype=bool))
+    result = robust_covariance(Regression(Model((Offset(joint),)), (test_motion,)), [2.0])
+    np.testing.assert_allclose(result, [[2 / 1 * 2 / 4]])
 
 
 def test_does_not_depend_on_units_or_blocks_or_unused_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     regression = Regression(MODEL, (motion(5, 0.7),), Selection(ParallelFilter(decimate=3), (0.1, 0.2)))
     theta = fit(regression)
-    found = robust_covariance(regression, theta)
+    result = robust_covariance(regression, theta)
     monkeypatch.setattr(module, "BLOCK", 500)
-    np.testing.assert_allclose(robust_covariance(regression, theta), found, rtol=1e-6)
+    np.testing.assert_allclose(robust_covariance(regression, theta), result, rtol=1e-6)
     again = Model((*MODEL.terms, Viscous(JOINTS, on=("a",), names=("twin",))))
     wider = replace(regression, model=again)
-    np.testing.assert_allclose(robust_covariance(wider, [*theta, 0.0], columns=range(4)), found, rtol=1e-6)
+    np.testing.assert_allclose(robust_covariance(wider, [*theta, 0.0], columns=range(4)), result, rtol=1e-6)
 
 
 def test_what_cannot_be_inverted_is_refused() -> None:
@@ -138,19 +141,19 @@ def test_what_cannot_be_inverted_is_refused() -> None:
 def test_pieces_of_a_long_log_say_about_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     """The covariance falls with all samples, though only pieces are looked at."""
     regression = Regression(MODEL, (motion(3, 0.8, 20_000),))
-    whole = robust_covariance(regression, fit(regression))
+    full = robust_covariance(regression, fit(regression))
     monkeypatch.setattr(hac, "MAX_SCORED_SAMPLES", 8000)
     monkeypatch.setattr(hac, "SCORED_PIECE", 2000)
     assert len(hac.stretches_of(regression, hac.MAX_SCORED_SAMPLES, hac.SCORED_PIECE)) == 4
     pieces = robust_covariance(regression, fit(regression))
-    np.testing.assert_allclose(np.sqrt(np.diag(pieces)), np.sqrt(np.diag(whole)), rtol=0.3)
+    np.testing.assert_allclose(np.sqrt(np.diag(pieces)), np.sqrt(np.diag(full)), rtol=0.3)
 
 
 def test_each_stretch_of_a_long_log_is_looked_at() -> None:
     """Also one that is far shorter than a piece."""
     times = np.arange(20_000)
     regression = Regression(MODEL, (motion(3, 0.8, 20_000, (times < 19_300) | (times >= 19_400)),))
-    starts = [int(np.flatnonzero(one.motions[0].mask)[0]) for one in hac.stretches_of(regression, 8000, 2000)]
+    starts = [int(np.flatnonzero(x.motions[0].mask)[0]) for x in hac.stretches_of(regression, 8000, 2000)]
     assert len(starts) == 5
     assert [start >= 19_400 for start in starts] == [False, False, False, False, True]
 
@@ -163,8 +166,8 @@ def test_they_are_the_sandwich_of_the_scores() -> None:
     bread, middle = 0.0, 0.0
     for part in parts:
         rows = [block.scale_rows(w[:, None]) for block in regression.entries(within=(part.motion, part.rows))]
-        u = sum(np.einsum("bjp,bj->p", one.regressor(), (one.tau - one.torque(theta)).T) for one in rows)
-        bread = bread + sum(np.einsum("bji,bjk->ik", one.regressor(), one.regressor()) for one in rows)
+        u = sum(np.einsum("bjp,bj->p", row.regressor(), (row.tau - row.torque(theta)).T) for row in rows)
+        bread = bread + sum(np.einsum("bji,bjk->ik", row.regressor(), row.regressor()) for row in rows)
         middle = middle + np.outer(u, u)
     inverse, count = np.linalg.inv(bread), len(parts)
     expected = np.sqrt(count / (count - 1) * np.diag(inverse @ middle @ inverse))
@@ -191,6 +194,6 @@ def test_intervals_hold_where_residuals_are_correlated_within_parts() -> None:
 
 def test_one_part_is_too_few() -> None:
     regression = Regression(MODEL, (motion(0, 0.5),))
-    whole = regression.triangular_factors
+    triangular_factors = regression.triangular_factors
     with pytest.raises(ModelError, match="at least two"):
-        clustered_std(lambda: [whole], regression, fit(regression))
+        clustered_std(lambda: [triangular_factors], regression, fit(regression))

@@ -68,10 +68,10 @@ def main(seed: int, path: Path) -> None:
     code_version()  # is remembered
     child, began = forked(path.with_name("whole.parquet")), time.monotonic()
     os.waitpid(child, 0)
-    whole, rng = time.monotonic() - began, np.random.default_rng(seed)
+    full, rng = time.monotonic() - began, np.random.default_rng(seed)
     for _ in range(KILLS):
         child = forked(path)
-        time.sleep(rng.uniform(0.0, whole / 6))
+        time.sleep(rng.uniform(0.0, full / 6))
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
     os.waitpid(forked(path), 0)

@@ -33,8 +33,8 @@ def study() -> Reproduction:
     return reproduce("tabulated", 30)
 
 
-def case(level: float, method: str, found: Reproduction | None = None) -> StudyCase:
-    return next(c for c in (found or study()).cases if (c.sigma_q2, c.method) == (level, method))
+def case(level: float, method: str, outcome: Reproduction | None = None) -> StudyCase:
+    return next(c for c in (outcome or study()).cases if (c.sigma_q2, c.method) == (level, method))
 
 
 def at_low_noise(scenario: str, method: str, runs: int) -> Statistics:
@@ -45,15 +45,15 @@ def at_low_noise(scenario: str, method: str, runs: int) -> Statistics:
 def test_the_true_values_are_the_published_column_and_the_study_stays() -> None:
     printed = [0.0340, 0.0030, 0.0045, 0.1329, 0.0170, 0.6189, 0.6189]
     np.testing.assert_allclose(study().true, printed, atol=1e-4)
-    lines = [f"{one.method} {one.sigma_q2:g}: {digits((*one.mean, *one.variance))}" for one in study().cases]
+    lines = [f"{x.method} {x.sigma_q2:g}: {digits((*x.mean, *x.variance))}" for x in study().cases]
     check_kept("study", "\n".join(lines))
 
 
 @pytest.mark.parametrize("level", LEVELS)
 def test_raw_means_agree_with_tables_2_4_and_6(level: float) -> None:
     """2.5 % where three digits or more are printed (20 % at 1e-4), 0.0002 for the small ones."""
-    own = case(level, "raw").mean
-    for value, printed in zip(own, PUBLISHED[level, "raw"][0], strict=True):
+    mean = case(level, "raw").mean
+    for value, printed in zip(mean, PUBLISHED[level, "raw"][0], strict=True):
         if printed is None:
             assert abs(value) < 1e-4  # printed as "10^-5"
         elif abs(printed) >= 0.01:
@@ -66,9 +66,9 @@ def test_raw_means_agree_with_tables_2_4_and_6(level: float) -> None:
 @pytest.mark.parametrize("level", LEVELS)
 def test_smoothed_methods_agree_in_kind(level: float, method: str) -> None:
     """Friction and gravity right where the raw differences lose them; the weak inertias in the order of magnitude."""
-    own, true = case(level, method).mean, study().true
-    np.testing.assert_allclose(own[3:], true[3:], rtol=0.06)
-    assert abs(own[0] - true[0]) < 0.03
+    mean, true = case(level, method).mean, study().true
+    np.testing.assert_allclose(mean[3:], true[3:], rtol=0.06)
+    assert abs(mean[0] - true[0]) < 0.03
     assert abs(case(1e-4, "raw").mean[5] - true[5]) > 0.5
 
 
@@ -79,9 +79,9 @@ def test_the_spline_finds_a_negative_inertia_at_the_highest_noise_as_printed() -
 
 def test_dropping_the_transient_before_smoothing_removes_a_bias_of_theta2() -> None:
     """At 1e-8 and large amplitudes; three standard errors of the mean of 8 runs."""
-    late, early = (at_low_noise("stated", method, 8) for method in ("spline", "spline-early"))
+    delayed, early = (at_low_noise("stated", method, 8) for method in ("spline", "spline-early"))
     true = study().true[1]
-    assert late.mean[1] / true == pytest.approx(0.79, abs=0.03)
+    assert delayed.mean[1] / true == pytest.approx(0.79, abs=0.03)
     assert abs(early.mean[1] - true) < 3 * np.sqrt(early.variance[1] / 8)
     recording = SCENARIOS["stated"].record(1e-8, np.random.default_rng(0))
     late_motion, early_motion = (METHODS[method].motion(recording) for method in ("spline", "spline-early"))
@@ -90,17 +90,17 @@ def test_dropping_the_transient_before_smoothing_removes_a_bias_of_theta2() -> N
 
 def test_maximum_likelihood_reaches_the_bound_and_says_so(tmp_path: Path) -> None:
     """Of 7 parameters and 4 runs the rms over the bound is 1 within a few times 1 / sqrt(56); splines are not near."""
-    found = reproduce("stated", 4, methods=("spline", "ml"), path=tmp_path / "study.parquet")
-    ours, splines = (case(1e-4, method, found) for method in ("ml", "spline"))
-    ratio = [np.mean((x.estimates - found.true) ** 2 / found.bounds[1e-4]) ** 0.5 for x in (ours, splines)]
+    outcome = reproduce("stated", 4, methods=("spline", "ml"), path=tmp_path / "study.parquet")
+    ours, splines = (case(1e-4, method, outcome) for method in ("ml", "spline"))
+    ratio = [np.mean((x.estimates - outcome.true) ** 2 / outcome.bounds[1e-4]) ** 0.5 for x in (ours, splines)]
     assert ratio[0] < 1.5
     assert ratio[1] > 2
     assert ours.unsettled == ours.failed == 0
     assert ours.coverage.mean() > 0.8 > splines.coverage.mean()
-    assert "ml" not in found.traces
+    assert "ml" not in outcome.traces
     again = reproduce("stated", 4, methods=("spline", "ml"), path=tmp_path / "study.parquet")
     np.testing.assert_array_equal(case(1e-4, "ml", again).estimates, ours.estimates)
-    assert again.seconds == found.seconds  # nothing was computed again
+    assert again.seconds == outcome.seconds  # nothing was computed again
 
 
 def test_inputs_as_stated_do_not_give_the_tables() -> None:
@@ -144,10 +144,10 @@ def test_any_smoother_and_estimator_is_a_method_by_its_kind(tmp_path: Path) -> N
     assert (fit.smoother, type(fit.estimator)) == (METHODS["spline"].smoother, PhysicallyConsistent)
     assert method_of("spline") is METHODS["spline"]
     names = ("butterworth", "maximum_likelihood")
-    found = reproduce("tabulated", 1, methods=names, path=tmp_path / "study.parquet")
-    assert {(one.method, one.failed) for one in found.cases} == {(name, 0) for name in names}
-    assert set(found.traces) == {"simulated", "butterworth"}  # the estimator's motion is that of the spline
-    assert "maximum likelihood" in found.settings["method maximum_likelihood"]
+    outcome = reproduce("tabulated", 1, methods=names, path=tmp_path / "study.parquet")
+    assert {(x.method, x.failed) for x in outcome.cases} == {(name, 0) for name in names}
+    assert set(outcome.traces) == {"simulated", "butterworth"}  # the estimator's motion is that of the spline
+    assert "maximum likelihood" in outcome.settings["method maximum_likelihood"]
     with pytest.raises(ConfigError, match="did you mean 'butterworth'"):
         method_of("buterworth")
     with pytest.raises(ConfigError, match="time_offset"):

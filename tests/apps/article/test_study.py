@@ -45,10 +45,10 @@ def test_a_failed_fit_is_a_row() -> None:
     assert set(failed["status"]) == {"failed"}
     assert set(failed["reason"]) == {"ValueError: too large"}
     assert failed["value"].list.len().sum() == 0
-    found = statistics(table, 2)
-    assert found.failed == len(failed)
-    assert found.interval.shape == (60 - len(failed), 2, 2)
-    assert len(found.estimates) == 60 - len(failed)
+    test_statistics = statistics(table, 2)
+    assert test_statistics.failed == len(failed)
+    assert test_statistics.interval.shape == (60 - len(failed), 2, 2)
+    assert len(test_statistics.estimates) == 60 - len(failed)
 
 
 @dataclass(frozen=True)
@@ -142,14 +142,14 @@ def test_killed_at_any_moment_nothing_is_lost_and_nothing_computed_twice(tmp_pat
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
-    whole, first, *found, last = done.stdout.split()
-    assert (whole, first, last) == ("0", "done", "done")
-    kept = [int(count) for count in found if count != "done"]
+    full, first, *result, last = done.stdout.split()
+    assert (full, first, last) == ("0", "done", "done")
+    kept = [int(count) for count in result if count != "done"]
     assert kept == sorted(kept)
     assert kept[-1] > 0
     table, expected = (pl.read_parquet(file).sort(KEY) for file in (path, tmp_path / "whole.parquet"))
     assert_frame_equal(without_seconds(table), without_seconds(expected))
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["study.parquet", "whole.parquet"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["study.parquet", "whole.parquet"]
 
 
 def test_noise_depends_on_seed_level_and_run_alone() -> None:
@@ -187,12 +187,12 @@ def test_statistics_are_the_published_ones() -> None:
     """Eqs. (54) and (55) on numbers worked by hand."""
     values = [[1.0, 2.0], [3.0, 2.0], []]
     table = pl.DataFrame({"value": values, "std": values, "interval": 3 * [[]], "status": 3 * ["ok"]})
-    found = statistics(table, 2)
-    np.testing.assert_array_equal(found.mean, [2.0, 2.0])
-    np.testing.assert_array_equal(found.variance, [2.0, 0.0])
-    assert found.failed == 1
-    one = statistics(table.head(1), 2)
-    assert np.isnan(one.variance).all()
+    result = statistics(table, 2)
+    np.testing.assert_array_equal(result.mean, [2.0, 2.0])
+    np.testing.assert_array_equal(result.variance, [2.0, 0.0])
+    assert result.failed == 1
+    test_statistics = statistics(table.head(1), 2)
+    assert np.isnan(test_statistics.variance).all()
     none = statistics(table.tail(1), 2)
     assert np.isnan(none.mean).all()
 

@@ -30,8 +30,8 @@ class Still:
     name: str = "still"
 
     def record(self, level: float, rng: np.random.Generator) -> Recording:
-        t, one = np.arange(50) * 0.01, np.ones((50, 1))
-        truth = Motion(t, 2 * one, 0 * one, 0 * one, 3 * one, ("a",), np.ones(50, bool))
+        t, ones = np.arange(50) * 0.01, np.ones((50, 1))
+        truth = Motion(t, 2 * ones, 0 * ones, 0 * ones, 3 * ones, ("a",), np.ones(50, bool))
         return record(truth, level, level, rng)
 
 

@@ -27,19 +27,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_result_is_read_as_it_was_saved(folder: Path) -> None:
     path = folder / "out" / "result.json"
-    found, whole = read_compared(path, "slider"), load(path)
-    assert found.names == whole.estimate.names
-    np.testing.assert_array_equal(found.value, whole.estimate.value)
-    np.testing.assert_array_equal(found.covariance, whole.errors.base_covariance)
-    assert found.together
-    assert (found.joints, found.use is None or found.use in list(Use)) == (("slider",), True)
-    assert {one.file for one in found.exports} == {"parameters.yaml", "model.py"}
-    assert all(one.proven and one.there for one in found.exports)
-    assert [(one.name, one.role) for one in found.logs] == [("log 0-3 s", "train"), ("log 3-4 s", "validation")]
-    recordings = [one.recording for one in found.logs]
+    compared, full = read_compared(path, "slider"), load(path)
+    assert compared.names == full.estimate.names
+    np.testing.assert_array_equal(compared.value, full.estimate.value)
+    np.testing.assert_array_equal(compared.covariance, full.errors.base_covariance)
+    assert compared.together
+    assert (compared.joints, compared.use is None or compared.use in list(Use)) == (("slider",), True)
+    assert {export.file for export in compared.exports} == {"parameters.yaml", "model.py"}
+    assert all(export.proven and export.there for export in compared.exports)
+    assert [(log.name, log.role) for log in compared.logs] == [("log 0-3 s", "train"), ("log 3-4 s", "validation")]
+    recordings = [log.recording for log in compared.logs]
     assert all(recordings)
     assert recordings[0] != recordings[1]  # windows of one file
-    same = compare_results(found, found)
+    same = compare_results(compared, compared)
     assert same.shared_training == ("log 0-3 s",)
     assert (same.differs, same.worse, same.p_value) == (False, False, 1.0)
 
@@ -52,11 +52,11 @@ def test_files_that_are_gone_are_said_and_not_needed(folder: Path, tmp_path: Pat
     data = json.loads((moved / "result.json").read_text())
     data["provenance"]["configuration"]["path"] = str(tmp_path / "nowhere" / "identify.yaml")
     (moved / "result.json").write_text(json.dumps(data))
-    found = read_compared(moved / "result.json", "moved")
-    assert [one.there for one in found.exports] == [False, False]
-    assert [one.recording for one in found.logs] == ["", ""]  # its recordings are called otherwise there
-    known = read_compared(folder / "out" / "result.json", "known")
-    assert [one.is_same_recording for one in compare_results(known, found).logs] == [None, None]
+    test_compared = read_compared(moved / "result.json", "moved")
+    assert [export.there for export in test_compared.exports] == [False, False]
+    assert [log.recording for log in test_compared.logs] == ["", ""]  # its recordings are called otherwise there
+    compared = read_compared(folder / "out" / "result.json", "known")
+    assert [log.is_same_recording for log in compare_results(compared, test_compared).logs] == [None, None]
 
 
 @pytest.mark.parametrize(

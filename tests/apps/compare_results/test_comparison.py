@@ -32,22 +32,22 @@ FIRST = result([1.0, 2.0, 0.5, 0.3])
 
 
 def test_figures_of_a_difference() -> None:
-    found = compare_results(FIRST, result([1.0, 2.0, 1.5, 0.8], "two"))
+    comparison = compare_results(FIRST, result([1.0, 2.0, 1.5, 0.8], "two"))
     d = np.array([0.4, 0.1, 0.5])
-    whole = 2 * COVARIANCE
-    z = d / np.sqrt(np.diag(whole))
-    assert [one.name for one in found.base] == ["f", "m1 + 0.4*m2", "h1 + 0.1*m2"]
-    np.testing.assert_allclose([one.z for one in found.base], z[[2, 0, 1]])
+    full = 2 * COVARIANCE
+    z = d / np.sqrt(np.diag(full))
+    assert [x.name for x in comparison.base] == ["f", "m1 + 0.4*m2", "h1 + 0.1*m2"]
+    np.testing.assert_allclose([x.z for x in comparison.base], z[[2, 0, 1]])
     p = 2 * norm.sf(np.abs(z[[2, 0, 1]]))
     holm = np.minimum(np.maximum.accumulate(p * [3, 2, 1]), 1)
-    np.testing.assert_allclose([one.p_value for one in found.base], holm)
-    assert found.chi_squared == pytest.approx(d @ np.linalg.solve(whole, d))
-    assert (found.freedom, found.alone) == (3, ())
-    assert found.p_value == pytest.approx(chi2.sf(found.chi_squared or 0.0, 3))
-    assert (found.base[0].first, found.base[0].second) == (pytest.approx(0.3), pytest.approx(0.8))
-    assert [one.name for one in found.significant] == ["f"]
-    assert found.differs
-    assert not found.worse
+    np.testing.assert_allclose([x.p_value for x in comparison.base], holm)
+    assert comparison.chi_squared == pytest.approx(d @ np.linalg.solve(full, d))
+    assert (comparison.freedom, comparison.alone) == (3, ())
+    assert comparison.p_value == pytest.approx(chi2.sf(comparison.chi_squared or 0.0, 3))
+    assert (comparison.base[0].first, comparison.base[0].second) == (pytest.approx(0.3), pytest.approx(0.8))
+    assert [x.name for x in comparison.significant] == ["f"]
+    assert comparison.differs
+    assert not comparison.worse
 
 
 def test_the_same_combinations_under_other_leads_and_orders_are_compared() -> None:
@@ -63,21 +63,21 @@ def test_the_same_combinations_under_other_leads_and_orders_are_compared() -> No
         scale=np.ones(4),
     )
     plain = compare_results(FIRST, result([1.2, 2.0, 0.5, 0.3]))
-    found = compare_results(FIRST, other)
-    for one, known in zip(found.base, plain.base, strict=True):
-        assert one.name == known.name
-        assert (one.z, one.second_std) == pytest.approx((known.z, known.second_std), abs=1e-12)
-    assert found.chi_squared == pytest.approx(plain.chi_squared)
+    comparison = compare_results(FIRST, other)
+    for case, reference in zip(comparison.base, plain.base, strict=True):
+        assert case.name == reference.name
+        assert (case.z, case.second_std) == pytest.approx((reference.z, reference.second_std), abs=1e-12)
+    assert comparison.chi_squared == pytest.approx(plain.chi_squared)
 
 
 def test_what_the_other_does_not_determine_is_left_out() -> None:
     fewer = result(
         [1.0, 2.0, 0.5, 0.3], "two", combination=BASE[1:], base_names=("h", "f"), covariance=COVARIANCE[1:, 1:]
     )
-    found = compare_results(FIRST, fewer)
-    assert {one.name for one in found.base} == {"h1 + 0.1*m2", "f"}
-    assert found.alone == ("m1 + 0.4*m2",)
-    assert found.freedom == 2
+    comparison = compare_results(FIRST, fewer)
+    assert {x.name for x in comparison.base} == {"h1 + 0.1*m2", "f"}
+    assert comparison.alone == ("m1 + 0.4*m2",)
+    assert comparison.freedom == 2
     units = np.array([1.0, 1.0, 1e-9, 1.0])  # of m2, in ng: its share in m1 + 0.4*m2 is as large as before
     without = np.where(np.arange(12).reshape(3, 4) == 2, 0.0, BASE)
     pair = (result(FIRST.value, combination=rows * units, scale=FIRST.scale * units) for rows in (BASE, without))
@@ -98,27 +98,27 @@ def test_of_a_single_parameter_chi_squared_is_that_of_its_z() -> None:
 def test_errors_that_are_not_known() -> None:
     lost = COVARIANCE.copy()
     lost[2, 2] = np.inf
-    found = compare_results(FIRST, result([1.0, 2.0, 0.5, 9.0], covariance=lost))
-    assert {one.name for one in found.base} == {"m1 + 0.4*m2", "h1 + 0.1*m2"}
-    assert found.chi_squared == pytest.approx(0.0)
+    comparison = compare_results(FIRST, result([1.0, 2.0, 0.5, 9.0], covariance=lost))
+    assert {x.name for x in comparison.base} == {"m1 + 0.4*m2", "h1 + 0.1*m2"}
+    assert comparison.chi_squared == pytest.approx(0.0)
     alone = compare_results(FIRST, result([1.0, 2.0, 0.5, 9.0], together=False))
     assert (alone.chi_squared, alone.p_value) == (None, None)
-    assert [one.name for one in alone.significant] == ["f"]
+    assert [x.name for x in alone.significant] == ["f"]
     exact = compare_results(*2 * (result(FIRST.value, covariance=0 * COVARIANCE),))
-    assert [one.z for one in exact.base] == [0.0, 0.0, 0.0]
+    assert [x.z for x in exact.base] == [0.0, 0.0, 0.0]
     assert not exact.differs
 
 
 def test_chance_is_called_a_difference_at_the_stated_rate() -> None:
     rng = np.random.default_rng(3)
     half = np.linalg.cholesky(COVARIANCE)
-    found = []
+    actual = []
     for _ in range(300):
         noise: list[NDArray[np.float64]] = [half @ rng.standard_normal(3) for _ in range(2)]
         pair = [result([1.0 + b[0], 2.0 + b[1], 0.0, 0.3 + b[2]]) for b in noise]
-        found.append(compare_results(*pair, level=0.2))
-    chance = np.mean([one.p_value < 0.2 for one in found if one.p_value is not None])
-    single = np.mean([bool(one.significant) for one in found])
+        actual.append(compare_results(*pair, level=0.2))
+    chance = np.mean([x.p_value < 0.2 for x in actual if x.p_value is not None])
+    single = np.mean([bool(x.significant) for x in actual])
     assert abs(chance - 0.2) < 0.06
     assert 0.12 < single < 0.24  # Holm is a little on the safe side
 
@@ -130,7 +130,7 @@ def test_worse_is_a_larger_error_on_the_same_held_out_recording() -> None:
         return compare_results(first, replace(FIRST, name="two", logs=logs), tolerance=5.0)
 
     assert not beside(log(2.09)).worse
-    assert [one.name for one in beside(log(2.11)).worse_logs] == ["tuesday"]
+    assert [worse_log.name for worse_log in beside(log(2.11)).worse_logs] == ["tuesday"]
     assert beside(log(2.11)).worse
     assert not beside(log(2.0), log(1.5, "monday", "train", "y")).worse  # held-out errors tell
     assert beside(log(1.5, "monday", "train", "y")).worse  # where there are any
@@ -184,13 +184,13 @@ def test_nothing_in_common() -> None:
 def test_a_held_out_log_judged_on_other_samples_is_not_passed_over() -> None:
     other = replace(FIRST_FULL, logs=(log(0.5, recording="z"), log(1.0, "monday", "train", "y")))
     lines = comparison_lines(compare_results(FIRST_FULL, other))
-    assert any(one.startswith("Of tuesday, held out, other recordings or samples were judged") for one in lines)
+    assert any(line.startswith("Of tuesday, held out, other recordings or samples were judged") for line in lines)
     assert "Torque error on monday (training): 1 % against 1 %, the same." in lines
 
 
 def test_the_page_escapes_names() -> None:
     odd = replace(WORSE, name=HOSTILE, base_names=(HOSTILE, "h", "f"))
-    found = compare_results(replace(FIRST_FULL, base_names=(HOSTILE, "h", "f")), odd)
-    page = comparison_page([found])
+    comparison = compare_results(replace(FIRST_FULL, base_names=(HOSTILE, "h", "f")), odd)
+    page = comparison_page([comparison])
     assert HOSTILE not in page
     assert "&lt;script&gt;alert" in page

@@ -34,7 +34,7 @@ def test_a_ball_is_a_capsule_without_length() -> None:
 
 def test_the_robot_file_has_nothing_to_complain_of() -> None:
     file = read_robot_file(urdf(), "arm.urdf")
-    assert [one for one in check_robot(file) if one.severity is not Severity.INFO] == []
+    assert [x for x in check_robot(file) if x.severity is not Severity.INFO] == []
     bodies = RigidBodies(urdf())
     assert [joint.name for joint in bodies.joints] == [joint.name for joint in JOINTS]
     assert bodies.notes == ()
@@ -51,9 +51,9 @@ def test_truth_is_physical_and_5_to_15_percent_off(link) -> None:
 def test_the_true_model_has_the_terms_that_a_draft_has_and_stands_on_a_tilted_base() -> None:
     model, value = true_model(), true_values()
     assert len(model.names) == len(value) == 84
-    known = dict(zip(model.names, value, strict=True))
+    reference = dict(zip(model.names, value, strict=True))
     for joint in JOINTS:
-        values = (known[f"{prefix}_{joint.name}"] for prefix in ("Ia", "Fv", "Fc", "offset"))
+        values = (reference[f"{prefix}_{joint.name}"] for prefix in ("Ia", "Fv", "Fc", "offset"))
         assert tuple(values) == (joint.rotor, joint.viscous, joint.coulomb, joint.offset)
     (bodies, *_) = model.terms
     down = np.array(bodies.gravity) / 9.81
@@ -172,7 +172,7 @@ def test_what_cannot_be_read_is_another_file(tmp_path: Path, monkeypatch: pytest
 
 
 @pytest.fixture(scope="module")
-def found(shipped: dict[str, pl.DataFrame]) -> Identification:
+def identification(shipped: dict[str, pl.DataFrame]) -> Identification:
     """Least squares, with the true time offset and tilt, for speed."""
     bodies = dy.RigidBodies(urdf(), source="arm.urdf")
     terms = (bodies, *(term(bodies.joints) for term in (dy.RotorInertia, dy.Viscous, dy.Coulomb, dy.Offset)))
@@ -181,19 +181,22 @@ def found(shipped: dict[str, pl.DataFrame]) -> Identification:
     return dy.identify(Model(terms), {"monday": log_of(shipped["monday"])}, recipe=recipe)
 
 
-def test_a_fit_is_near_the_truth_and_the_file_is_not(found: Identification) -> None:
-    compared = compare_with_truth(found)
+def test_a_fit_is_near_the_truth_and_the_file_is_not(identification: Identification) -> None:
+    compared = compare_with_truth(identification)
     assert compared.torque_error < 0.6
     assert compared.file_error > 5
     assert compared.base == 60
     assert 50 <= compared.within <= 60
-    for one in compared.values:
-        assert one.estimate == pytest.approx(one.true, rel=0.08), one.name
+    for value in compared.values:
+        assert value.estimate == pytest.approx(value.true, rel=0.08), value.name
 
 
-def test_values_have_their_names_and_units(found: Identification) -> None:
+def test_values_have_their_names_and_units(identification: Identification) -> None:
     offset = TimeOffset(-0.002, 3.0, 2.0, 0.0005)
-    values = {one.name: one for one in compare_with_truth(replace(found, calibration=Calibration(None, offset))).values}
+    values = {
+        value.name: value
+        for value in compare_with_truth(replace(identification, calibration=Calibration(None, offset))).values
+    }
     lag = values["torque stamped later by"]
     assert (lag.estimate, lag.true) == pytest.approx((2.0, 3.0))
     assert lag.std == pytest.approx(0.5)
@@ -203,10 +206,10 @@ def test_values_have_their_names_and_units(found: Identification) -> None:
     assert len(values) == 1 + 1 + 2 * len(JOINTS)
 
 
-def test_the_truth_itself_is_no_error_away(found: Identification) -> None:
-    exact = replace(found, estimate=replace(found.estimate, value=demo_truth().value))
+def test_the_truth_itself_is_no_error_away(identification: Identification) -> None:
+    exact = replace(identification, estimate=replace(identification.estimate, value=demo_truth().value))
     compared = compare_with_truth(exact)
     assert compared.torque_error == pytest.approx(0.0, abs=1e-9)
     assert compared.within == compared.base == 60
-    assert all(one.estimate == one.true for one in compared.values)
+    assert all(value.estimate == value.true for value in compared.values)
     assert not np.isclose(compared.file_error, 0.0)

@@ -43,7 +43,7 @@ class Post:
     def distances(self, q):
         elbow = 0.4 * np.stack([np.cos(q[:, 0]), np.sin(q[:, 0])])
         tip = elbow + 0.35 * np.stack([np.cos(q.sum(axis=1)), np.sin(q.sum(axis=1))])
-        return np.stack([np.hypot(one[0] - self.x, one[1] - self.z) - self.radius for one in (elbow, tip)], axis=1)
+        return np.stack([np.hypot(x[0] - self.x, x[1] - self.z) - self.radius for x in (elbow, tip)], axis=1)
 
 
 FREE = Feasibility(MODEL, THETA, LIMITS)

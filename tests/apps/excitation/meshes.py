@@ -15,10 +15,10 @@ def box(low, high):
 
 
 def joined(*parts):
-    starts = np.cumsum([0, *(len(one.vertices) for one in parts[:-1])])
+    starts = np.cumsum([0, *(len(x.vertices) for x in parts[:-1])])
     return Mesh(
-        np.concatenate([one.vertices for one in parts]),
-        np.concatenate([one.triangles + start for one, start in zip(parts, starts, strict=True)]),
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.triangles + start for part, start in zip(parts, starts, strict=True)]),
     )
 
 
@@ -27,5 +27,5 @@ BENT = joined(box((0, 0, 0), (1.0, 0.1, 0.1)), box((0, 0.1, 0), (0.1, 1.0, 0.1))
 
 
 def volume(mesh):
-    one, two, three = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
-    return float(np.einsum("ki,ki->", one, np.cross(two, three)) / 6)
+    case, two, three = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
+    return float(np.einsum("ki,ki->", case, np.cross(two, three)) / 6)

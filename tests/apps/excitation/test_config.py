@@ -73,14 +73,14 @@ def test_a_configuration_may_hold_them() -> None:
 def test_friction_is_that_of_the_robot_file_where_it_says_any() -> None:
     rusty = TWO.replace('<limit effort="40"', '<dynamics damping="0.7" friction="0.3"/><limit effort="40"')
     bodies = RigidBodies(rusty, source="two.urdf")
-    found = nominal_knowledge(Model((bodies, Viscous(bodies.joints, on=("lift",)), Coulomb(bodies.joints))))
+    result = nominal_knowledge(Model((bodies, Viscous(bodies.joints, on=("lift",)), Coulomb(bodies.joints))))
     assert bodies.damping == {"lift": 0.7}
-    np.testing.assert_array_equal(found.theta[:20], THETA[:20])
-    np.testing.assert_array_equal(found.theta[20:], [0.7, 0.3, 0.0])
+    np.testing.assert_array_equal(result.theta[:20], THETA[:20])
+    np.testing.assert_array_equal(result.theta[20:], [0.7, 0.3, 0.0])
 
 
 def test_a_body_without_inertia_is_named() -> None:
-    odd = [replace(one, value=None) if one.body == "lower" else one for one in MODEL.parameters]
+    odd = [replace(parameter, value=None) if parameter.body == "lower" else parameter for parameter in MODEL.parameters]
     unknown: Any = SimpleNamespace(parameters=odd, name="two.urdf", terms=())
     with pytest.raises(ModelError, match=r"two.urdf: the inertia of lower is not in the robot file"):
         nominal_knowledge(unknown)
@@ -96,18 +96,18 @@ def residual(size: float, decorrelation: float) -> Any:
 
 def test_a_correlated_residual_counts_as_many_samples_as_are_independent() -> None:
     held = SimpleNamespace(role="validation", errors=None, residuals=None)
-    found: Any = SimpleNamespace(validations=[residual(0.1, 0.04), held, residual(0.3, 0.04)])
-    known = PriorKnowledge(MODEL, THETA, found, NoiseOrigin.RESULT)
+    result: Any = SimpleNamespace(validations=[residual(0.1, 0.04), held, residual(0.3, 0.04)])
+    reference = PriorKnowledge(MODEL, THETA, result, NoiseOrigin.RESULT)
     mean = np.sqrt((0.1**2 + 0.3**2) / 2)
     for rate, factor in ((100.0, 2.0), (400.0, 4.0), (10.0, 1.0)):
-        origin, sigma = torque_noise(known, None, LIMITS, 0.1, rate)
+        origin, sigma = torque_noise(reference, None, LIMITS, 0.1, rate)
         assert origin is NoiseOrigin.RESULT
         np.testing.assert_allclose(sigma, [mean * factor, 2 * mean])
 
 
 def test_a_joint_without_a_residual_has_the_noise_of_the_rule() -> None:
-    found: Any = SimpleNamespace(validations=[residual(0.0, 0.0)])
-    _, sigma = torque_noise(PriorKnowledge(MODEL, THETA, found, NoiseOrigin.RESULT), None, LIMITS, 0.1, 100.0)
+    result: Any = SimpleNamespace(validations=[residual(0.0, 0.0)])
+    _, sigma = torque_noise(PriorKnowledge(MODEL, THETA, result, NoiseOrigin.RESULT), None, LIMITS, 0.1, 100.0)
     np.testing.assert_allclose(sigma, [0.4, 0.15])
     free = replace(LIMITS, torque=np.array([np.inf, 9.0]))
     _, sigma = torque_noise(PriorKnowledge(MODEL, THETA), None, free, 0.1, 100.0)

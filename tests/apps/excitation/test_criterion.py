@@ -37,7 +37,7 @@ def information(criterion, states):
     """The sum of Y' W Y, sample by sample, in SI units."""
     Y = criterion.model.regressor(*states)[:, :, list(criterion.columns)]
     weights = np.broadcast_to(criterion.weights, states[0].shape)
-    return sum(rows.T @ np.diag(own) @ rows for rows, own in zip(Y, weights, strict=True))
+    return sum(rows.T @ np.diag(weight) @ rows for rows, weight in zip(Y, weights, strict=True))
 
 
 def assert_exact(criterion, functions, x, tolerance=2e-8):
@@ -95,12 +95,12 @@ def test_values_are_those_of_the_definitions():
 
 def test_a_prior_is_as_if_it_had_been_recorded():
     model = arm()
-    functions, one = motion(model)
+    functions, case = motion(model)
     other = motion(model, seed=1)[1]
     criterion = criterion_of(model)
-    both = [np.concatenate(pair) for pair in zip(functions @ one.T, functions @ other.T, strict=True)]
+    both = [np.concatenate(pair) for pair in zip(functions @ case.T, functions @ other.T, strict=True)]
     after = criterion_of(model, prior=information(criterion, functions @ other.T))
-    assert after.value(*(functions @ one.T)) == pytest.approx(criterion.value(*both), abs=1e-4)
+    assert after.value(*(functions @ case.T)) == pytest.approx(criterion.value(*both), abs=1e-4)
 
 
 @pytest.mark.parametrize("kind", Criterion)
@@ -127,8 +127,8 @@ def test_a_prior_on_the_base_parameters_is_the_inverse_of_their_covariance():
     basis = structural_base_parameters(model)
     p = len(basis.names)
     half = 10.0 ** np.linspace(0, 3, p)[:, None] * np.random.default_rng(2).normal(size=(p, 2 * p))
-    B, whole = basis.combination, half @ half.T
-    np.testing.assert_allclose(base_information(basis, whole), np.linalg.inv(B @ np.linalg.inv(whole) @ B.T), rtol=1e-7)
+    B, full = basis.combination, half @ half.T
+    np.testing.assert_allclose(base_information(basis, full), np.linalg.inv(B @ np.linalg.inv(full) @ B.T), rtol=1e-7)
     functions, x = motion(model)
     Y = model.regressor(*(functions @ x.T)).reshape(-1, p)
     kept = list(basis.independent)

@@ -26,43 +26,43 @@ SIGMA = np.array([0.4, 0.1])
 
 def states(samples=3000, still=()):
     rng = np.random.default_rng(0)
-    found = rng.uniform(-2.0, 2.0, (3, samples, 2))
-    found[1:, :, list(still)] = 0.0
-    found[0][:, list(still)] = 0.7
-    return found
+    result = rng.uniform(-2.0, 2.0, (3, samples, 2))
+    result[1:, :, list(still)] = 0.0
+    result[0][:, list(still)] = 0.7
+    return result
 
 
 @pytest.mark.parametrize("slow", [None, (0.5, 0.1)])
 def test_the_errors_are_those_of_least_squares_with_known_noise(slow):
     q, dq, ddq = states()
     information = torque_information(MODEL, states(), 1 / SIGMA**2, None if slow is None else np.array(slow))
-    found = expected_accuracy(MODEL, THETA, information, BASIS)
+    accuracy = expected_accuracy(MODEL, THETA, information, BASIS)
     names = tuple(joint.name for joint in MODEL.joints)
     motion = Motion(np.arange(len(q)) / 100.0, q, dq, ddq, np.zeros_like(q), names, np.ones(len(q), dtype=bool), "x")
     factors = Regression(MODEL, (motion,), selection=Selection(min_speed=slow)).triangular_factors
-    np.testing.assert_allclose(found.std, base_std(BASIS, factors, SIGMA, 1 / SIGMA), rtol=1e-6)
-    np.testing.assert_allclose(found.value, BASIS.to_base(THETA))
-    assert found.open_parameters == unexcited_parameters(MODEL, information, found) == ()
+    np.testing.assert_allclose(accuracy.std, base_std(BASIS, factors, SIGMA, 1 / SIGMA), rtol=1e-6)
+    np.testing.assert_allclose(accuracy.value, BASIS.to_base(THETA))
+    assert accuracy.open_parameters == unexcited_parameters(MODEL, information, accuracy) == ()
     k = BASIS.leading.index("Fv_lift")
-    assert found.relative[k] == pytest.approx(100 * found.std[k] / 1.0)
+    assert accuracy.relative[k] == pytest.approx(100 * accuracy.std[k] / 1.0)
 
 
 def test_determinant_and_condition_are_those_of_the_weighted_regressor():
-    found = expected_accuracy(MODEL, 0 * THETA, torque_information(MODEL, states(), 1 / SIGMA**2))
+    accuracy = expected_accuracy(MODEL, 0 * THETA, torque_information(MODEL, states(), 1 / SIGMA**2))
     Y = MODEL.regressor(*states())[:, :, list(BASIS.independent)] / SIGMA[:, None]
     X = Y.reshape(-1, BASIS.rank)
-    assert found.log_det == pytest.approx(np.linalg.slogdet(X.T @ X)[1])
-    assert found.condition == pytest.approx(np.linalg.cond(X / np.linalg.norm(X, axis=0)), rel=1e-6)
-    assert np.isinf(found.relative).all()  # of values that are zero
+    assert accuracy.log_det == pytest.approx(np.linalg.slogdet(X.T @ X)[1])
+    assert accuracy.condition == pytest.approx(np.linalg.cond(X / np.linalg.norm(X, axis=0)), rel=1e-6)
+    assert np.isinf(accuracy.relative).all()  # of values that are zero
 
 
 def test_what_stays_open_is_said_with_the_joint_that_would_show_it():
     information = torque_information(MODEL, states(still=(1,)), 1 / SIGMA**2)
-    found = expected_accuracy(MODEL, THETA, information, BASIS)
-    assert {"Fv_bend", "Fc_bend"} <= set(found.open_parameters)
-    assert "Fv_lift" not in found.open_parameters
-    assert (found.log_det, found.condition) == (-np.inf, np.inf)
-    notes = unexcited_parameters(MODEL, information, found)
+    accuracy = expected_accuracy(MODEL, THETA, information, BASIS)
+    assert {"Fv_bend", "Fc_bend"} <= set(accuracy.open_parameters)
+    assert "Fv_lift" not in accuracy.open_parameters
+    assert (accuracy.log_det, accuracy.condition) == (-np.inf, np.inf)
+    notes = unexcited_parameters(MODEL, information, accuracy)
     assert notes
     assert {joint for note in notes for joint in note.joints} == {"bend"}
 
@@ -92,20 +92,20 @@ def designed(seed=0, model=MODEL, theta=THETA, space=OPEN, executor=None, **chan
     )
 
 
-def positions(one):
-    return [each.states(each.times(50.0))[0] for each in (one.trajectory, one.validation)]
+def positions(case):
+    return [each.states(each.times(50.0))[0] for each in (case.trajectory, case.validation)]
 
 
 def test_both_motions_keep_to_the_limits_and_go_around_the_post():
     seen = []
     with progress_to(seen.append):
-        one = designed(space=SPACE, start=np.array([1.2, 0.5]), duration=13.0)
-    for each in (one.trajectory, one.validation):
+        case = designed(space=SPACE, start=np.array([1.2, 0.5]), duration=13.0)
+    for each in (case.trajectory, case.validation):
         verify(each, Feasibility(MODEL, THETA, LIMITS, SPACE, REQUEST.clearance))
         np.testing.assert_allclose(each.states(np.zeros(1))[0, 0], [1.2, 0.5])
-    assert one.trajectory.duration <= 13.0
-    assert np.isfinite(one.expected.std).all()
-    assert one.notes == ()
+    assert case.trajectory.duration <= 13.0
+    assert np.isfinite(case.expected.std).all()
+    assert case.notes == ()
     assert [step for step in seen if not step.startswith("searching")] == [
         "finding base parameters",
         "finding the ways to it and back",
@@ -120,18 +120,18 @@ def plain(seed=0):
 
 
 def test_the_generator_alone_decides_also_over_an_executor():
-    one = positions(plain())
+    case = positions(plain())
     with ThreadPoolExecutor(2) as two:
-        for before, after in zip(one, positions(designed(executor=two)), strict=True):
+        for before, after in zip(case, positions(designed(executor=two)), strict=True):
             np.testing.assert_array_equal(before, after)
-    assert np.abs(positions(plain(4))[0][0] - one[0][0]).max() > 1e-3
+    assert np.abs(positions(plain(4))[0][0] - case[0][0]).max() > 1e-3
 
 
 def test_the_validation_motion_is_another_one_at_other_speeds():
-    one = plain()
+    case = plain()
     (fitted, *_), (held,) = (
         [piece.course for piece in each.pieces if piece.purpose is Purpose.MOTION]
-        for each in (one.trajectory, one.validation)
+        for each in (case.trajectory, case.validation)
     )
     assert held.duration == pytest.approx(module.VALIDATION_PERIOD_FACTOR * fitted.duration)
     share = np.linspace(0.0, 1.0, 100)
@@ -145,12 +145,12 @@ def complete():
 
 
 def test_a_design_of_all_programs():
-    one = complete()
-    assert one.trajectory.duration <= 60.0 * (1 + 1e-9)
-    purposes = {piece.purpose for piece in one.trajectory.pieces}
+    case = complete()
+    assert case.trajectory.duration <= 60.0 * (1 + 1e-9)
+    purposes = {piece.purpose for piece in case.trajectory.pieces}
     assert purposes == {Purpose.FRICTION, Purpose.POSE, Purpose.MOTION, Purpose.WAY}
-    assert not any(isinstance(note, UnexcitedParameters) for note in one.notes)
-    assert np.isfinite(one.expected.std).all()
+    assert not any(isinstance(note, UnexcitedParameters) for note in case.notes)
+    assert np.isfinite(case.expected.std).all()
 
 
 def test_what_is_known_before_lowers_the_errors():
@@ -168,11 +168,11 @@ def test_stopped_it_says_so_and_keeps_to_the_limits_and_terms_that_remember_are_
     model = MODEL.with_terms(Dahl(MODEL.joints))
     theta = np.concatenate([THETA, np.ones(len(model.parameters) - len(THETA))])
     with progress_to(stop):
-        one = designed(model=model, theta=theta)
-    assert one.notes == (LeftOut(("Dahl",)), Interrupted())
-    assert one.model.names == MODEL.names
-    np.testing.assert_array_equal(one.theta, THETA)
-    verify(one.trajectory, Feasibility(MODEL, THETA, LIMITS, OPEN, REQUEST.clearance))
+        case = designed(model=model, theta=theta)
+    assert case.notes == (LeftOut(("Dahl",)), Interrupted())
+    assert case.model.names == MODEL.names
+    np.testing.assert_array_equal(case.theta, THETA)
+    verify(case.trajectory, Feasibility(MODEL, THETA, LIMITS, OPEN, REQUEST.clearance))
 
 
 def test_a_motion_that_fails_the_last_check_is_refused(monkeypatch):
@@ -186,7 +186,7 @@ def test_a_motion_that_fails_the_last_check_is_refused(monkeypatch):
 
 def test_the_figures_of_a_design_stay():
     lines = []
-    for one in (plain(), complete()):
-        lines += [line for part in (one.expected, *one.checks) for line in facts(part)]
-        lines += [digits(each.states(each.times(10.0))) for each in (one.trajectory, one.validation)]
+    for case in (plain(), complete()):
+        lines += [line for part in (case.expected, *case.checks) for line in facts(part)]
+        lines += [digits(each.states(each.times(10.0))) for each in (case.trajectory, case.validation)]
     check_kept("design", "\n".join(lines))

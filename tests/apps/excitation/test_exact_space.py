@@ -29,10 +29,10 @@ JOINTS = ("one", "revolute", "base", "arm"), ("two", "revolute", "arm", "hand", 
 
 def least(space, q):
     """The distance of each pair of names."""
-    found = {}
+    result = {}
     for pair, distance in zip(space.pairs, space.distances(q).T, strict=True):
-        found[frozenset(pair)] = np.minimum(found.get(frozenset(pair), np.inf), distance)
-    return found
+        result[frozenset(pair)] = np.minimum(result.get(frozenset(pair), np.inf), distance)
+    return result
 
 
 def both(bodies, geometry):
@@ -194,9 +194,9 @@ def test_boxes_of_its_own_do_not_meet_the_first_body() -> None:
 
 def test_poses_are_the_same_each_time_and_fill_the_range() -> None:
     low, high = np.array([-1.0, 0.0, 2.0]), np.array([1.0, 4.0, 2.5])
-    found = sample_poses(low, high, 500)
-    assert found.tolist() == sample_poses(low, high, 500).tolist()
-    share = (found - low) / (high - low)
+    result = sample_poses(low, high, 500)
+    assert result.tolist() == sample_poses(low, high, 500).tolist()
+    share = (result - low) / (high - low)
     assert (share >= 0).all()
     assert (share < 1).all()
     octants = np.unique((share < 0.5) @ [1, 2, 4], return_counts=True)[1]

@@ -54,47 +54,49 @@ def test_settings_of_a_file_and_changes_of_them(robot: Path, tmp_path: Path) -> 
         "boxes": [{"name": "table", "centre": [1, 0, 0], "size": [0.2, 0.2, 0.2]}],
         "cylinders": [{"name": "post", "centre": [0, 1], "radius": 0.1, "top": 2}],
     }
-    found = read_excitation(robot, written(tmp_path / "cell.yaml", given), {"duration": 20.0})
-    assert found.request.duration == 20.0
-    assert found.request.criterion is Criterion.CONDITION
-    assert found.request.program is Program.FRICTION
-    assert found.origin is NoiseOrigin.GIVEN
-    np.testing.assert_allclose(found.request.sigma, [0.2, 0.15])
-    np.testing.assert_array_equal(found.request.start, [0.0, 0.5])
-    np.testing.assert_allclose(found.limits.velocity, [0.8, 2.4])
-    floor, box, post = found.obstacles
+    excitation = read_excitation(robot, written(tmp_path / "cell.yaml", given), {"duration": 20.0})
+    assert excitation.request.duration == 20.0
+    assert excitation.request.criterion is Criterion.CONDITION
+    assert excitation.request.program is Program.FRICTION
+    assert excitation.origin is NoiseOrigin.GIVEN
+    np.testing.assert_allclose(excitation.request.sigma, [0.2, 0.15])
+    np.testing.assert_array_equal(excitation.request.start, [0.0, 0.5])
+    np.testing.assert_allclose(excitation.limits.velocity, [0.8, 2.4])
+    floor, box, post = excitation.obstacles
     assert floor == Floor(-1.0)
     assert box == Box("table", (1, 0, 0), (0.2, 0.2, 0.2))
     assert post == Cylinder("post", (0, 1), 0.1, -np.inf, 2.0)
-    assert {"floor", "table", "post"} <= {name for pair in found.space.pairs for name in pair}
+    assert {"floor", "table", "post"} <= {name for pair in excitation.space.pairs for name in pair}
 
 
 def test_a_configuration_without_recordings_yet(robot: Path, tmp_path: Path) -> None:
     config = {"model": {"file": robot.name, "joints": ["bend", "lift"], "terms": ["viscous"]}}
-    found = read_excitation(written(tmp_path / "arm.yaml", {**config, "excitation": {"duration": 7}}))
-    assert [joint.name for joint in found.prior.model.joints] == ["bend", "lift"]
-    assert found.prior.model.names[-1] == "Fv_lift"
-    assert found.request.duration == 7
-    assert found.file == robot
+    excitation = read_excitation(written(tmp_path / "arm.yaml", {**config, "excitation": {"duration": 7}}))
+    assert [joint.name for joint in excitation.prior.model.joints] == ["bend", "lift"]
+    assert excitation.prior.model.names[-1] == "Fv_lift"
+    assert excitation.request.duration == 7
+    assert excitation.file == robot
     with pytest.raises(ConfigError, match=r"model: terms\[0\]: 'glue'"):
         read_excitation(written(tmp_path / "wrong.yaml", {"model": {"file": robot.name, "terms": ["glue"]}}))
 
 
 def test_a_configuration_whose_logs_are_not_there(robot: Path, tmp_path: Path) -> None:
-    found = read_excitation(written(tmp_path / "arm.yaml", {"model": {"file": robot.name}, **CHANNELS}))
-    assert found.origin is NoiseOrigin.RULE
-    assert found.prior.loss_reason == "the configuration names monday.csv, which is not there"
+    excitation = read_excitation(written(tmp_path / "arm.yaml", {"model": {"file": robot.name}, **CHANNELS}))
+    assert excitation.origin is NoiseOrigin.RULE
+    assert excitation.prior.loss_reason == "the configuration names monday.csv, which is not there"
 
 
 def test_logs_of_a_configuration_give_parameters_and_noise_and_a_result_its_information(tmp_path: Path) -> None:
     write_log(tmp_path)
     config = written(tmp_path / "arm.yaml", settings(excitation=SLIDER))
-    found = read_excitation(config)
-    assert found.origin is NoiseOrigin.LOGS
-    assert found.request.prior is None
-    assert found.prior.theta[0] == pytest.approx(5.0, rel=0.01)
-    assert 0.005 < found.request.sigma[0] < 0.2  # N; white noise of 0.01 N, and friction that is not quite Coulomb's
-    assert isinstance(found.space, EmptySpace)
+    excitation = read_excitation(config)
+    assert excitation.origin is NoiseOrigin.LOGS
+    assert excitation.request.prior is None
+    assert excitation.prior.theta[0] == pytest.approx(5.0, rel=0.01)
+    assert (
+        0.005 < excitation.request.sigma[0] < 0.2
+    )  # N; white noise of 0.01 N, and friction that is not quite Coulomb's
+    assert isinstance(excitation.space, EmptySpace)
     result = dy.run(config)
     result.save(tmp_path / "result.json")
     again = read_excitation(tmp_path / "result.json")
@@ -147,10 +149,10 @@ def test_folders_of_packages_are_relative_to_their_settings(robot: Path, tmp_pat
     assert set(lost.geometry.missing) == {"package://arm/part.obj"}
     assert any("name the folder of their package (`packages`" in line for line in shape_words(lost))
     (tmp_path / "cell").mkdir()
-    found = read_excitation(robot, written(tmp_path / "cell" / "cell.yaml", {"packages": ["../far"]}))
-    assert found.geometry is not None
-    assert not found.geometry.missing
-    assert yaml.safe_load(recording_config(found, tmp_path / "out"))["excitation"]["packages"] == ["../far"]
+    excitation = read_excitation(robot, written(tmp_path / "cell" / "cell.yaml", {"packages": ["../far"]}))
+    assert excitation.geometry is not None
+    assert not excitation.geometry.missing
+    assert yaml.safe_load(recording_config(excitation, tmp_path / "out"))["excitation"]["packages"] == ["../far"]
     for folder, words in (("nowhere", r"packages: there is no folder '.*nowhere'"), (3, r"packages\[0\]: the name of")):
         with pytest.raises(ConfigError, match=words):
             read_excitation(robot, None, {"packages": [folder]})

@@ -74,8 +74,8 @@ def test_ros_gets_at_most_100_points_a_second_with_times_as_it_counts_them() -> 
     assert point.keys() == {"positions", "velocities", "accelerations", "effort", "time_from_start"}
     assert point["time_from_start"] == {"sec": 1, "nanosec": 370_000_000}
     expected = motion().states(np.array([1.37]))[:3, 0]
-    found = [point[key] for key in ("positions", "velocities", "accelerations")]
-    np.testing.assert_allclose(found, expected, atol=1e-9)
+    result = [point[key] for key in ("positions", "velocities", "accelerations")]
+    np.testing.assert_allclose(result, expected, atol=1e-9)
     assert all(isinstance(value, float) for value in point["positions"])
 
 
@@ -89,11 +89,11 @@ def test_points_are_denser_where_the_motion_needs_it_and_a_motion_that_no_rate_p
 
 def test_odd_names_of_joints_come_back() -> None:
     names = ["a,b", 'a "b"', "a: b", "ü", "q_a", "- a", "a\nb", "a b #c", "<b>", "1", "\u2028😀"]
-    found = trajectory_files(motion(tuple(names)), "motion", 50.0, wide(names))
-    header = next(csv.reader(StringIO(found["motion.csv"], newline="")))
+    result = trajectory_files(motion(tuple(names)), "motion", 50.0, wide(names))
+    header = next(csv.reader(StringIO(result["motion.csv"], newline="")))
     assert header[1 : len(names) + 1] == [f"q_{name}" for name in names]
-    assert np.load(BytesIO(found["motion.npz"]))["joints"].tolist() == names
-    assert yaml.safe_load(found["motion.trajectory.yaml"])["joint_names"] == names
+    assert np.load(BytesIO(result["motion.npz"]))["joints"].tolist() == names
+    assert yaml.safe_load(result["motion.trajectory.yaml"])["joint_names"] == names
 
 
 @pytest.fixture
@@ -119,26 +119,26 @@ def test_recordings_of_a_robot_file_alone_are_read_by_a_configuration(robot: Pat
 def test_channels_and_settings_stay_those_of_the_configuration(robot: Path, tmp_path: Path) -> None:
     given = {"model": {"file": "cad/two.urdf"}, **CHANNELS, "smoother": {"kind": "spline", "rule": "fixed", "p": 0.5}}
     path = written(tmp_path / "arm.yaml", given)
-    found = yaml.safe_load(recording_config(read_excitation(path), tmp_path / "out"))
-    assert found["model"] == {"file": "../cad/two.urdf"}
+    content = yaml.safe_load(recording_config(read_excitation(path), tmp_path / "out"))
+    assert content["model"] == {"file": "../cad/two.urdf"}
     for key in ("time", "position", "torque", "smoother"):
-        assert found[key] == given[key]
-    assert set(found["min_speed"]) == {"lift", "bend"}
+        assert content[key] == given[key]
+    assert set(content["min_speed"]) == {"lift", "bend"}
     kept = written(tmp_path / "kept.yaml", {**given, "min_speed": 0.3})
     assert yaml.safe_load(recording_config(read_excitation(kept), tmp_path / "out"))["min_speed"] == 0.3
-    assert found["train"] == [{"file": "motion_recorded.csv"}]  # monday.csv is not there
-    assert found["validation"] == [{"file": "validation_recorded.csv"}]
+    assert content["train"] == [{"file": "motion_recorded.csv"}]  # monday.csv is not there
+    assert content["validation"] == [{"file": "validation_recorded.csv"}]
     assert robot.exists()
 
 
 @pytest.mark.parametrize("model", ["cad/two.urdf", {"file": "cad/two.urdf"}])
 def test_a_model_alone_gets_channels(robot: Path, tmp_path: Path, model: object) -> None:
     path = written(tmp_path / "arm.yaml", {"model": model, "excitation": {"period": 5}})
-    found = yaml.safe_load(recording_config(read_excitation(path), tmp_path))
-    assert found["model"] == {"file": "cad/two.urdf"}
-    assert found["position"]["bend"] == {"column": "q_bend", "unit": "rad"}
-    assert found["torque"]["bend"] == {"column": "tau_bend", "unit": "N m"}
-    assert found["excitation"] == {"program": "motion", "period": 5}
+    content = yaml.safe_load(recording_config(read_excitation(path), tmp_path))
+    assert content["model"] == {"file": "cad/two.urdf"}
+    assert content["position"]["bend"] == {"column": "q_bend", "unit": "rad"}
+    assert content["torque"]["bend"] == {"column": "tau_bend", "unit": "N m"}
+    assert content["excitation"] == {"program": "motion", "period": 5}
     assert robot.exists()
 
 
@@ -147,16 +147,16 @@ def test_logs_that_count_stay_and_new_ones_are_like_them(robot: Path, tmp_path: 
     path = written(tmp_path / "arm.yaml", {"model": {"file": "cad/two.urdf"}, **CHANNELS, "train": old})
     project = read_excitation(path)
     p = len(project.prior.theta)
-    known = replace(project.prior, identification=object(), information=np.eye(p))
-    found = yaml.safe_load(recording_config(replace(project, prior=known), tmp_path))
+    reference = replace(project.prior, identification=object(), information=np.eye(p))
+    content = yaml.safe_load(recording_config(replace(project, prior=reference), tmp_path))
     new = {"file": {"i": "motion_recorded_2_i.dat", "q": "motion_recorded_2_q.txt"}, "width": {"q": 2}}
-    assert found["train"] == [*old, new]
+    assert content["train"] == [*old, new]
     alone = replace(
         project.prior, identification=object()
     )  # their noise was taken, but what they tell is not announced
-    found = yaml.safe_load(recording_config(replace(project, prior=alone), tmp_path))
-    assert len(found["train"]) == 1
-    assert found["validation"][0]["file"]["q"] == "validation_recorded_q.txt"
+    content = yaml.safe_load(recording_config(replace(project, prior=alone), tmp_path))
+    assert len(content["train"]) == 1
+    assert content["validation"][0]["file"]["q"] == "validation_recorded_q.txt"
     assert robot.exists()
 
 

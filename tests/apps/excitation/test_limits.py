@@ -21,23 +21,23 @@ def arm(inside='<limit effort="10" velocity="2" lower="-1" upper="3"/>', kind="r
 
 
 def test_the_margin_is_a_share_of_each_range_half_of_it_at_either_end_of_the_positions():
-    found = motion_limits(arm(), margin=0.2)
-    assert (found.lower[0], found.upper[0]) == pytest.approx((-0.6, 2.6))
-    assert (found.velocity[0], found.torque[0]) == pytest.approx((1.6, 8.0))
-    assert found.acceleration[0] == pytest.approx(1.6 / ACCELERATION_TIME)
-    assert found.jerk[0] == pytest.approx(1.6 / ACCELERATION_TIME / JERK_TIME)
-    assert found.by_rule == {"hinge": ("acceleration", "jerk")}
-    assert (found.middle[0], found.half[0]) == pytest.approx((1.0, 1.6))
-    np.testing.assert_allclose(found.sizes[:, 0], [1.6, 1.6, 6.4, 128.0])
+    limits = motion_limits(arm(), margin=0.2)
+    assert (limits.lower[0], limits.upper[0]) == pytest.approx((-0.6, 2.6))
+    assert (limits.velocity[0], limits.torque[0]) == pytest.approx((1.6, 8.0))
+    assert limits.acceleration[0] == pytest.approx(1.6 / ACCELERATION_TIME)
+    assert limits.jerk[0] == pytest.approx(1.6 / ACCELERATION_TIME / JERK_TIME)
+    assert limits.by_rule == {"hinge": ("acceleration", "jerk")}
+    assert (limits.middle[0], limits.half[0]) == pytest.approx((1.0, 1.6))
+    np.testing.assert_allclose(limits.sizes[:, 0], [1.6, 1.6, 6.4, 128.0])
 
 
 def test_given_limits_come_before_those_of_the_file_and_what_exceeds_these_is_named():
     given = JointLimits(lower=-0.5, upper=3.5, velocity=1.0, acceleration=7.0, jerk=90.0, torque=12.0)
-    found = motion_limits(arm(), {"hinge": given}, margin=0.0)
-    row = [found.lower, found.upper, found.velocity, found.acceleration, found.jerk, found.torque]
-    assert [float(one[0]) for one in row] == [-0.5, 3.5, 1.0, 7.0, 90.0, 12.0]
-    assert found.by_rule == {}
-    assert found.beyond == {"hinge": ("upper", "torque")}
+    limits = motion_limits(arm(), {"hinge": given}, margin=0.0)
+    row = [limits.lower, limits.upper, limits.velocity, limits.acceleration, limits.jerk, limits.torque]
+    assert [float(x[0]) for x in row] == [-0.5, 3.5, 1.0, 7.0, 90.0, 12.0]
+    assert limits.by_rule == {}
+    assert limits.beyond == {"hinge": ("upper", "torque")}
 
 
 @pytest.mark.parametrize(
@@ -45,25 +45,25 @@ def test_given_limits_come_before_those_of_the_file_and_what_exceeds_these_is_na
 )
 def test_a_joint_that_turns_without_end_has_half_a_turn_to_either_side(kind, ends):
     hinge = arm(f'<limit effort="10" velocity="2" {ends}/>', kind)
-    found = motion_limits(hinge, margin=0.0)
-    assert (found.lower[0], found.upper[0]) == (-np.pi, np.pi)
-    assert found.by_rule["hinge"][0] == "position"
+    limits = motion_limits(hinge, margin=0.0)
+    assert (limits.lower[0], limits.upper[0]) == (-np.pi, np.pi)
+    assert limits.by_rule["hinge"][0] == "position"
     # a range of more than two turns is one only where the user gives it
     assert motion_limits(hinge, {"hinge": JointLimits(lower=-50.0, upper=50.0)}, 0.0).half[0] == 50.0
 
 
 def test_one_end_that_is_given_has_a_turn_before_it():
     hinge = arm('<limit effort="10" velocity="2"/>', "continuous")
-    found = motion_limits(hinge, {"hinge": JointLimits(upper=1.0)}, margin=0.0)
-    assert (found.lower[0], found.upper[0]) == (1.0 - 2 * np.pi, 1.0)
+    limits = motion_limits(hinge, {"hinge": JointLimits(upper=1.0)}, margin=0.0)
+    assert (limits.lower[0], limits.upper[0]) == (1.0 - 2 * np.pi, 1.0)
     two_turns = arm('<limit effort="10" velocity="2" lower="-6.2832" upper="6.2832"/>')
     assert motion_limits(two_turns, margin=0.0).upper[0] == 6.2832
 
 
 def test_without_a_torque_limit_no_torque_is_too_large():
-    found = motion_limits(arm('<limit velocity="2" lower="-1" upper="1"/>'))
-    assert found.torque[0] == np.inf
-    assert found.by_rule["hinge"] == ("acceleration", "jerk", "torque")
+    limits = motion_limits(arm('<limit velocity="2" lower="-1" upper="1"/>'))
+    assert limits.torque[0] == np.inf
+    assert limits.by_rule["hinge"] == ("acceleration", "jerk", "torque")
 
 
 @pytest.mark.parametrize(
@@ -95,24 +95,24 @@ def test_a_format_without_velocity_limits_asks_for_them():
         motion_limits(Model((bodies,), name="arm.xml"))
     bodies = RigidBodies(ARM_MJCF, source="arm.xml", joints_used=("rail", "shoulder", "twist"))
     speeds = {name: JointLimits(velocity=speed) for name, speed in (("shoulder", 2.0), ("twist", 3.0), ("rail", 1.0))}
-    found = motion_limits(Model((bodies,)), speeds, margin=0.1)
-    assert found.upper.tolist() == pytest.approx([0.9, 0.9, 0.9 * np.pi])
-    assert found.velocity.tolist() == pytest.approx([0.9, 1.8, 2.7])  # in the order of the joints
+    limits = motion_limits(Model((bodies,)), speeds, margin=0.1)
+    assert limits.upper.tolist() == pytest.approx([0.9, 0.9, 0.9 * np.pi])
+    assert limits.velocity.tolist() == pytest.approx([0.9, 1.8, 2.7])  # in the order of the joints
 
 
 def test_the_joints_that_mimic_another_keep_their_limits_too():
     bodies = RigidBodies(GRIPPER, source="gripper.urdf")  # the follower is at 2 q + 0.01, within -1 and 1, below 2 m/s
-    found = motion_limits(Model((bodies,)), margin=0.0)
-    assert (found.lower[1], found.upper[1]) == pytest.approx((-0.505, 0.495))
-    assert found.velocity.tolist() == [2.0, 1.0]
+    limits = motion_limits(Model((bodies,)), margin=0.0)
+    assert (limits.lower[1], limits.upper[1]) == pytest.approx((-0.505, 0.495))
+    assert limits.velocity.tolist() == [2.0, 1.0]
 
 
 @pytest.mark.parametrize("friction", [Coulomb, partial(Coulomb, width=0.05), LoadCoulomb])
 def test_only_dry_friction_holds_a_joint(friction):
     np.testing.assert_allclose(min_fit_speeds(MODEL, LIMITS), 0.03 * LIMITS.velocity)
     bodies, *_ = MODEL.terms
-    one = Model((bodies, friction(bodies.joints, on=("bend",))), name="x")
-    np.testing.assert_allclose(min_fit_speeds(one, LIMITS), [0.0, 0.03 * LIMITS.velocity[1]])
+    case = Model((bodies, friction(bodies.joints, on=("bend",))), name="x")
+    np.testing.assert_allclose(min_fit_speeds(case, LIMITS), [0.0, 0.03 * LIMITS.velocity[1]])
     np.testing.assert_array_equal(min_fit_speeds(Model((bodies,), name="x"), LIMITS), 0.0)
 
 

@@ -90,18 +90,18 @@ SHORT = Plan(1, (Stage(1.0, 8), Stage(0.1, 8)))
 
 
 def test_the_criterion_of_the_search_is_that_of_the_recording():
-    one = interior(space=OPEN, duration=13.0)  # two periods of 4 s beside the ways
-    x = random_motion(one, np.random.default_rng(0))
+    test_interior = interior(space=OPEN, duration=13.0)  # two periods of 4 s beside the ways
+    x = random_motion(test_interior, np.random.default_rng(0))
     request = replace(REQUEST, duration=13.0, max_periods=2)
-    pieces = motion_pieces(FREE, one.family, x, request, np.random.default_rng(0))
+    pieces = motion_pieces(FREE, test_interior.family, x, request, np.random.default_rng(0))
     motion = Trajectory(LIMITS.joints, tuple(piece for piece in pieces if piece.purpose is Purpose.MOTION))
     assert len(motion.pieces) == 2
     states = motion.states(np.arange(0.0, motion.duration, 1 / REQUEST.rate))
     recorded = expected_accuracy(MODEL, THETA, torque_information(MODEL, states, 1 / REQUEST.sigma**2), BASIS)
-    assert one.information.prior is None
+    assert test_interior.information.prior is None
     assert interior(space=OPEN, prior=np.eye(len(THETA))).information.prior.shape == (BASIS.rank, BASIS.rank)
-    criterion = one.information
-    sought = 2 * np.log(criterion.scale).sum() - criterion.value(*one.states(x)[:3])
+    criterion = test_interior.information
+    sought = 2 * np.log(criterion.scale).sum() - criterion.value(*test_interior.states(x)[:3])
     assert sought == pytest.approx(recorded.log_det, abs=1.0)  # of about 150: the sign of friction is smooth in one
 
 
@@ -114,19 +114,19 @@ def test_the_criterion_of_the_search_is_that_of_the_recording():
     ],
 )
 def test_progress_says_what_is_sought(changes, words):
-    seen, one = [], interior(space=OPEN, **changes)
+    seen, test_interior = [], interior(space=OPEN, **changes)
     with progress_to(seen.append):
-        found = find_best_motion(one, FREE, Plan(1, (Stage(1.0, 1),)), np.random.default_rng(0))
+        best_motion = find_best_motion(test_interior, FREE, Plan(1, (Stage(1.0, 1),)), np.random.default_rng(0))
     assert all(words in step for step in seen)
     if not changes:
-        value = 2 * np.log(one.information.scale).sum() - found.criterion
+        value = 2 * np.log(test_interior.information.scale).sum() - best_motion.criterion
         assert f"log det {value:.1f}" in seen[-1]
 
 
 def test_a_torque_beyond_the_limit_between_the_points_is_mended_by_more_search_or_a_smaller_motion(monkeypatch):
-    one = interior(space=OPEN)
-    x = search(one, SHORT, np.random.default_rng(1)).x
-    tight = replace(LIMITS, torque=0.9 * np.abs(MODEL.torque(*one.states(x)[:3], THETA)).max(axis=0))
+    test_interior = interior(space=OPEN)
+    x = search(test_interior, SHORT, np.random.default_rng(1)).x
+    tight = replace(LIMITS, torque=0.9 * np.abs(MODEL.torque(*test_interior.states(x)[:3], THETA)).max(axis=0))
     narrow = interior(space=OPEN, limits=tight)
     loose = replace(narrow, spare=replace(narrow.spare, torque=np.full(2, -0.1)))  # as if the grid missed so much
     beyond = loose.between(search(loose, SHORT, np.random.default_rng(1)).x, MODEL)
@@ -146,10 +146,10 @@ def test_a_torque_beyond_the_limit_between_the_points_is_mended_by_more_search_o
 @pytest.mark.parametrize("family", ["fourier", "bspline"])
 def test_motions_go_from_rest_to_rest_within_the_time(family, start):
     request = replace(REQUEST, duration=15.0, family=family, start=start)
-    one = interior(space=OPEN, duration=15.0, family=family, start=start)
-    assert isinstance(one.family, Fourier if family == "fourier" else ClampedSpline)
-    x = random_motion(one, np.random.default_rng(1))
-    pieces = motion_pieces(FREE, one.family, x, request, np.random.default_rng(0))
+    test_interior = interior(space=OPEN, duration=15.0, family=family, start=start)
+    assert isinstance(test_interior.family, Fourier if family == "fourier" else ClampedSpline)
+    x = random_motion(test_interior, np.random.default_rng(1))
+    pieces = motion_pieces(FREE, test_interior.family, x, request, np.random.default_rng(0))
     trajectory = Trajectory(LIMITS.joints, pieces)
     assert trajectory.duration <= 15.0
     periods = [piece.label for piece in pieces if piece.purpose is Purpose.MOTION]
@@ -164,25 +164,25 @@ def test_motions_go_from_rest_to_rest_within_the_time(family, start):
 
 
 def test_without_the_time_for_the_ways_it_is_said():
-    one = interior(space=OPEN)
-    x = random_motion(one, np.random.default_rng(1))
+    test_interior = interior(space=OPEN)
+    x = random_motion(test_interior, np.random.default_rng(1))
     with pytest.raises(InputError, match=r"takes .* s with the ways to it and back, more than the 4 s"):
-        motion_pieces(FREE, one.family, x, replace(REQUEST, duration=4.0), np.random.default_rng(0))
+        motion_pieces(FREE, test_interior.family, x, replace(REQUEST, duration=4.0), np.random.default_rng(0))
 
 
 def test_what_cannot_be_kept_between_the_points_is_named(monkeypatch):
-    one = interior()
+    test_interior = interior()
     far = GridReserve(np.zeros(2), np.linspace(0.0, 1.0, len(SPACE.pairs)))
     monkeypatch.setattr(Interior, "between", lambda *_: far)
     monkeypatch.setattr("dynident.apps.excitation.motion.MAX_RESTARTS", 0)
     pair = " and ".join(map(repr, SPACE.pairs[-1]))
     with pytest.raises(InputError, match=f"{pair} come too close"):
-        find_best_motion(one, FREE, SHORT, np.random.default_rng(1))
+        find_best_motion(test_interior, FREE, SHORT, np.random.default_rng(1))
 
 
 def test_where_no_way_leads_into_a_motion_a_smaller_one_is_driven(monkeypatch):
-    one = interior(space=OPEN, duration=13.0)
-    x = random_motion(one, np.random.default_rng(1))
+    test_interior = interior(space=OPEN, duration=13.0)
+    x = random_motion(test_interior, np.random.default_rng(1))
     size = np.abs(x[:, 1:]).max()
 
     def small(feasible, course, *rest):
@@ -190,10 +190,10 @@ def test_where_no_way_leads_into_a_motion_a_smaller_one_is_driven(monkeypatch):
 
     monkeypatch.setattr("dynident.apps.excitation.motion.from_rest", small)
     request = replace(REQUEST, duration=13.0)
-    pieces = reachable_motion(one, FREE, x, request, np.random.default_rng(0))
+    pieces = reachable_motion(test_interior, FREE, x, request, np.random.default_rng(0))
     verify(Trajectory(LIMITS.joints, pieces), Feasibility(MODEL, THETA, LIMITS, OPEN, REQUEST.clearance))
     monkeypatch.setattr("dynident.apps.excitation.motion.from_rest", lambda *_: None)
     with pytest.raises(InputError, match="torque limits hold the arm"):
-        reachable_motion(one, FREE, x, request, np.random.default_rng(0))
+        reachable_motion(test_interior, FREE, x, request, np.random.default_rng(0))
     with pytest.raises(InputError, match="another start pose, or none"):
-        reachable_motion(one, FREE, x, replace(request, start=np.zeros(2)), np.random.default_rng(0))
+        reachable_motion(test_interior, FREE, x, replace(request, start=np.zeros(2)), np.random.default_rng(0))

@@ -38,10 +38,10 @@ def test_it_keeps_the_limits_and_the_clearance_and_fills_its_time():
 def test_each_joint_goes_to_and_fro_over_the_same_way_at_each_speed_slow_to_fast():
     pieces = friction_program(FREE, 60.0, None, np.random.default_rng(0), speeds=4)
     for joint, name in enumerate(LIMITS.joints):
-        sweeps = [one.course for one in pieces if one.purpose is Purpose.FRICTION and one.label == name]
+        sweeps = [piece.course for piece in pieces if piece.purpose is Purpose.FRICTION and piece.label == name]
         assert len(sweeps) == 8
-        assert (np.array([one.direction for one in sweeps]) == np.eye(2)[joint]).all()
-        speeds = [one.speed for one in sweeps]
+        assert (np.array([sweep.direction for sweep in sweeps]) == np.eye(2)[joint]).all()
+        speeds = [sweep.speed for sweep in sweeps]
         assert speeds == sorted(speeds)
         assert max(speeds) == pytest.approx(LIMITS.velocity[joint])
         assert max(speeds) == pytest.approx(20 * min(speeds))
@@ -54,7 +54,7 @@ def test_each_joint_goes_to_and_fro_over_the_same_way_at_each_speed_slow_to_fast
 def test_where_there_is_little_room_the_slowest_speed_is_above_what_a_fit_leaves_out():
     narrow = replace(FREE, limits=replace(LIMITS, lower=LIMITS.lower / 12, upper=LIMITS.upper / 12))
     pieces = friction_program(narrow, 60.0, None, np.random.default_rng(0))
-    speeds = [one.course.speed for one in pieces if one.label == "lift"]
+    speeds = [piece.course.speed for piece in pieces if piece.label == "lift"]
     assert min(speeds) == pytest.approx(1.5 * min_fit_speeds(MODEL, LIMITS)[0])
     assert min(speeds) > max(speeds) / 20
 
@@ -65,7 +65,7 @@ def test_where_the_torque_does_not_suffice_the_joint_starts_more_gently():
     for feasible in (FREE, weak):
         pieces = friction_program(feasible, 60.0, START, np.random.default_rng(0))
         verify(Trajectory(LIMITS.joints, pieces), Feasibility(MODEL, THETA, feasible.limits))
-        used.append({one.course.acceleration for one in pieces if one.label == "lift"})
+        used.append({piece.course.acceleration for piece in pieces if piece.label == "lift"})
     assert used[0] == {LIMITS.acceleration[0]}
     assert max(used[1]) <= LIMITS.acceleration[0] / 2
 
@@ -126,13 +126,13 @@ def test_poses_are_visited_within_the_limits_and_the_time(feasible, start):
     verify(trajectory, Feasibility(feasible.model, feasible.theta, LIMITS, Post(), 0.02))
     courses = visits(pieces)
     assert list(courses) == [str(k + 1) for k in range(len(courses))]
-    assert [sum(one.duration for one in each) for each in courses.values()] == pytest.approx([HOLD_TIME] * len(courses))
+    assert [sum(x.duration for x in each) for each in courses.values()] == pytest.approx([HOLD_TIME] * len(courses))
     assert len(courses) >= 8
     assert 30.0 < trajectory.duration <= 40.0
 
 
 def test_without_dry_friction_poses_are_held():
-    assert {type(one) for each in visits(gravity_pieces(SMOOTH, None)).values() for one in each} == {Hold}
+    assert {type(x) for each in visits(gravity_pieces(SMOOTH, None)).values() for x in each} == {Hold}
 
 
 def test_where_joints_have_dry_friction_they_pass_to_and_fro_over_one_way_at_a_speed_that_counts():
@@ -140,7 +140,7 @@ def test_where_joints_have_dry_friction_they_pass_to_and_fro_over_one_way_at_a_s
     for there, back in visits(gravity_pieces(AROUND, None)).values():
         np.testing.assert_allclose(there.end, back.pose)
         np.testing.assert_allclose(back.end, there.pose)
-        speeds = [one.states(np.array([one.duration / 2]))[1, 0] for one in (there, back)]
+        speeds = [x.states(np.array([x.duration / 2]))[1, 0] for x in (there, back)]
         np.testing.assert_allclose(speeds[0], -speeds[1])
         np.testing.assert_allclose(np.abs(speeds[0]), 2 * SLOW)
         assert there.cruise > 0.5 * there.duration
@@ -150,8 +150,8 @@ def test_where_joints_have_dry_friction_they_pass_to_and_fro_over_one_way_at_a_s
 
 def test_a_joint_without_dry_friction_stands_meanwhile():
     for each in visits(gravity_pieces(ONE, (-1.0, 0.3))).values():
-        for one in each:
-            moving = np.abs(one.states(np.linspace(0.0, one.duration, 99))[1]).max(axis=0)
+        for case in each:
+            moving = np.abs(case.states(np.linspace(0.0, case.duration, 99))[1]).max(axis=0)
             np.testing.assert_allclose(moving, [0.0, 2 * SLOW[1]], rtol=1e-6)
 
 

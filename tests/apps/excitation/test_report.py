@@ -39,11 +39,13 @@ def test_what_is_not_known_before_is_left_out() -> None:
 
 
 def test_limits_by_rule_and_beyond_the_file_are_named() -> None:
-    _, found = designed()
+    _, result = designed()
     limits = replace(
-        found.limits, by_rule={"lift": ("jerk", "torque"), "bend": ("jerk", "position")}, beyond={"bend": ("velocity",)}
+        result.limits,
+        by_rule={"lift": ("jerk", "torque"), "bend": ("jerk", "position")},
+        beyond={"bend": ("velocity",)},
     )
-    said = list(limit_words(replace(found, limits=limits)))
+    said = list(limit_words(replace(result, limits=limits)))
     assert len(said) == 4
     assert said[0].startswith("Limits of jerk of all joints are by rule (at lift ")
     assert said[1] == "The torque of lift has no limit: it was not looked at."
@@ -52,10 +54,10 @@ def test_limits_by_rule_and_beyond_the_file_are_named() -> None:
 
 
 def test_usual_limits_of_a_known_arm_are_offered_where_a_rule_stands(monkeypatch: pytest.MonkeyPatch) -> None:
-    project, found = designed()
+    project, result = designed()
     limits = {"lift": {"acceleration": 7.0}, "bend": {"acceleration": 7.0}}
     monkeypatch.setattr("dynident.apps.excitation.limits.find_arm", lambda _: KnownArm("Two", "a/b, c.yaml", limits))
-    ruled = replace(found, limits=replace(found.limits, by_rule={"lift": ("acceleration",)}))
+    ruled = replace(result, limits=replace(result.limits, by_rule={"lift": ("acceleration",)}))
     words = "The joints are those of a Two, whose usual limits of acceleration are public (a/b, c.yaml)"
     said = list(limit_words(ruled))[1]
     assert said.startswith(words)
@@ -66,25 +68,25 @@ def test_usual_limits_of_a_known_arm_are_offered_where_a_rule_stands(monkeypatch
     changed = replace(project, settings=project.settings.model_copy(update={"limits": given}))
     text = yaml.safe_load(_limits_text(changed, arm))
     assert text["limits"] == {"lift": {"acceleration": 1.0, "upper": 0.5}, "bend": {"acceleration": 7.0}}
-    assert usual_arm(found.model, replace(found.limits, by_rule={"lift": ("jerk",)})) is None
+    assert usual_arm(result.model, replace(result.limits, by_rule={"lift": ("jerk",)})) is None
 
 
 def test_where_the_noise_is_from_and_what_was_lost() -> None:
     project, _ = designed()
     (said,) = noise_words(project)
     assert "lift 0.40, bend 0.15; by rule: 1 % of the torque limit" in said
-    known = replace(project.prior, loss_reason="its logs are gone")
-    said, lost = noise_words(replace(project, origin=NoiseOrigin.RESULT, prior=known))
+    reference = replace(project.prior, loss_reason="its logs are gone")
+    said, lost = noise_words(replace(project, origin=NoiseOrigin.RESULT, prior=reference))
     assert "the residual of the result" in said
     assert lost == "What was recorded before does not count: its logs are gone."
 
 
 def test_without_a_floor_it_is_said_how_low_the_arm_reaches() -> None:
-    project, found = designed()
-    assert list(floor_words(project, found)) == []
+    project, result = designed()
+    assert list(floor_words(project, result)) == []
     free = replace(project, settings=project.settings.model_copy(update={"floor": None}))
-    (said,) = floor_words(free, found)
-    q = found.trajectory.states(found.trajectory.times(50.0))[0]
+    (said,) = floor_words(free, result)
+    q = result.trajectory.states(result.trajectory.times(50.0))[0]
     elbow = 0.4 * np.sin(q[:, 0])  # the axes turn about -y
     low = float(said.partition("reaches down to ")[2].partition(" m")[0])
     assert "m below" in said
@@ -106,11 +108,11 @@ def test_unknown_shapes_and_a_missing_program_are_said(monkeypatch: pytest.Monke
 
 def with_shares(*percents: float):
     """A design whose parameters that have a value are expected to so many per cent, the others to 1 unit."""
-    found = designed()[1]
-    one = found.expected
-    value, std = np.zeros(len(one.std)), np.ones(len(one.std))
+    result = designed()[1]
+    expected = result.expected
+    value, std = np.zeros(len(expected.std)), np.ones(len(expected.std))
     value[: len(percents)], std[: len(percents)] = 2.0, np.array(percents) / 50
-    return replace(found, expected=replace(one, value=value, std=std))
+    return replace(result, expected=replace(expected, value=value, std=std))
 
 
 def test_parameters_are_counted_by_how_well_they_will_be_known() -> None:
@@ -125,56 +127,56 @@ def test_parameters_are_counted_by_how_well_they_will_be_known() -> None:
 
 
 def test_what_was_known_before_and_what_stays_open() -> None:
-    found = designed()[1]
-    one = found.expected
-    B = one.basis.combination
-    before = 0.01 * B.T @ np.diag(1 / one.std**2) @ B
-    prior = replace(found, request=replace(found.request, prior=before))
+    result = designed()[1]
+    expected = result.expected
+    B = expected.basis.combination
+    before = 0.01 * B.T @ np.diag(1 / expected.std**2) @ B
+    prior = replace(result, request=replace(result.request, prior=before))
     (line,) = [line for line in expected_findings(prior) if line.startswith("Together with")]
     assert "smaller than now by a factor of" in line
-    std = one.std.copy()
+    std = expected.std.copy()
     std[0] = np.inf
-    said = list(expected_findings(replace(found, expected=replace(one, std=std))))
-    assert said[-1] == f"1 base parameter stays open: {one.basis.leading[0]}."
-    slow = replace(found.request, program=Program.FRICTION)
-    *_, said = expected_findings(replace(found, request=slow, expected=replace(one, std=std)))
+    said = list(expected_findings(replace(result, expected=replace(expected, std=std))))
+    assert said[-1] == f"1 base parameter stays open: {expected.basis.leading[0]}."
+    slow = replace(result.request, program=Program.FRICTION)
+    *_, said = expected_findings(replace(result, request=slow, expected=replace(expected, std=std)))
     assert "`--program motion`" in said
-    assert list(expected_findings(replace(found, expected=replace(one, std=np.full_like(std, np.inf))))) == [
+    assert list(expected_findings(replace(result, expected=replace(expected, std=np.full_like(std, np.inf))))) == [
         "The motion tells nothing: it shows no base parameter."
     ]
 
 
 def test_the_table_marks_what_is_open_or_has_no_value() -> None:
-    found = with_shares(5.0)
-    std = found.expected.std.copy()
+    result = with_shares(5.0)
+    std = result.expected.std.copy()
     std[1] = np.inf
-    section = expected_section(replace(found, expected=replace(found.expected, std=std)))
+    section = expected_section(replace(result, expected=replace(result.expected, std=std)))
     (table,) = [fold.blocks[0] for fold in section.blocks if getattr(fold, "title", "") == "All numbers"]
     assert table.rows[0][1:] == ("2.000", "0.10", "5.0")
     assert table.rows[1][1:] == ("-", "open", "-")
-    assert has_value(found.expected).sum() == 1
-    rounded = np.where(found.expected.value == 0, 1e-12, found.expected.value)
-    assert has_value(replace(found.expected, value=rounded)).sum() == 1
+    assert has_value(result.expected).sum() == 1
+    rounded = np.where(result.expected.value == 0, 1e-12, result.expected.value)
+    assert has_value(replace(result.expected, value=rounded)).sum() == 1
 
 
 def test_what_is_known_of_the_shapes_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    project, found = designed()
+    project, result = designed()
     geometry = replace(
         project.geometry,
         missing={"a.dae": "there is no such file."},
         sources={0: ShapeSource.VISUAL, 1: ShapeSource.COLLISION},
     )
     monkeypatch.setitem(project.__dict__, "geometry", geometry)
-    (lines,) = [block for block in scene_section(project, found).blocks if isinstance(block, tuple)]
+    (lines,) = [block for block in scene_section(project, result).blocks if isinstance(block, tuple)]
     assert lines[0] == "Distances of lower: by capsules around their collision shapes."
     assert lines[2] == "Meshes that could not be read: a.dae (there is no such file)."
 
 
 def test_a_model_without_bodies_has_no_view(monkeypatch: pytest.MonkeyPatch) -> None:
-    project, found = designed()
+    project, result = designed()
     monkeypatch.setitem(project.__dict__, "geometry", None)
-    section = scene_section(project, replace(found, space=EmptySpace(2)))
-    assert arm_view(project, found) is None
+    section = scene_section(project, replace(result, space=EmptySpace(2)))
+    assert arm_view(project, result) is None
     assert len(section.blocks) == 2
     assert not any(isinstance(block, Figure) for block in section.blocks)
 
@@ -186,22 +188,22 @@ def test_a_turned_box_is_drawn_where_it_is() -> None:
 
 
 def test_names_of_joints_links_and_obstacles_cannot_act_on_the_page() -> None:
-    project, found = designed(TWO.replace('"lift"', '"&lt;script&gt;lift"').replace('"lower"', '"&lt;script&gt;low"'))
-    page = excitation_page(project, found)
+    project, result = designed(TWO.replace('"lift"', '"&lt;script&gt;lift"').replace('"lower"', '"&lt;script&gt;low"'))
+    page = excitation_page(project, result)
     for name in ("<script>lift", "<script>low", "<i>table"):
         assert name not in page
     assert "What to do with it" not in page  # nothing was written
-    page = excitation_page(project, found, [("motion.csv", "the motion"), ("trial.csv", "slower")])
+    page = excitation_page(project, result, [("motion.csv", "the motion"), ("trial.csv", "slower")])
     assert "Run <code>trial.csv</code> first" in page
 
 
 def test_notes_are_said_and_a_torque_without_a_limit() -> None:
-    project, found = designed()
+    project, result = designed()
     open_note = UnexcitedParameters(("a.Ixx",), ("lift",), False, ())
-    said = excitation_findings(project, replace(found, notes=(Interrupted(), LeftOut(("Dahl",)), open_note)))
+    said = excitation_findings(project, replace(result, notes=(Interrupted(), LeftOut(("Dahl",)), open_note)))
     assert any("stopped before its end" in words for words in said)
     assert any("remember the motion (Dahl)" in words for words in said)
-    free = replace(found, notes=(open_note,), limits=replace(found.limits, torque=np.full(2, np.inf)))
+    free = replace(result, notes=(open_note,), limits=replace(result.limits, torque=np.full(2, np.inf)))
     page = excitation_page(project, free)
     for words in ("What stays open, and why", "it takes motion of lift", "∞"):
         assert words in page, words

@@ -21,18 +21,18 @@ searching = importlib.import_module("dynident.apps.excitation.search")  # the pa
 
 @pytest.mark.parametrize("family", ["fourier", "bspline"])
 def test_random_motions_keep_to_all_limits_and_use_them(family):
-    one = interior(family=family)
+    test_interior = interior(family=family)
     rng = np.random.default_rng(0)
-    found = [random_motion(one, rng) for _ in range(6)]
-    assert all(map(one.is_inside, found))
-    used = [1 - one.range_slack(x).min() for x in found]
+    result = [random_motion(test_interior, rng) for _ in range(6)]
+    assert all(map(test_interior.is_inside, result))
+    used = [1 - test_interior.range_slack(x).min() for x in result]
     assert np.median(used) > 0.3
-    assert np.abs(found[0] - found[1]).max() > 0.1
+    assert np.abs(result[0] - result[1]).max() > 0.1
 
 
 def test_where_only_standing_is_possible_it_is_said():
-    one = interior(space=OPEN)
-    heavy = one.with_reserve(replace(one.spare, torque=np.ones(2)))
+    test_interior = interior(space=OPEN)
+    heavy = test_interior.with_reserve(replace(test_interior.spare, torque=np.ones(2)))
     with pytest.raises(InputError, match="no random motion keeps to the limits"):
         random_motion(heavy, np.random.default_rng(0))
 
@@ -43,23 +43,23 @@ TIGHT = replace(LIMITS, torque=np.array([11.0, 3.5]))  # near what gravity takes
 @pytest.mark.parametrize("kind", list(Criterion))
 @pytest.mark.parametrize("family", ["fourier", "bspline"])
 def test_the_gradient_is_that_of_the_value(kind, family):
-    one = interior(criterion=kind, family=family, limits=TIGHT)
+    test_interior = interior(criterion=kind, family=family, limits=TIGHT)
     rng = np.random.default_rng(1)
-    x = random_motion(one, rng)
-    assert one.gaps(one.states(x)[0]).min() < 0.3
-    assert one.torque_slack(one.states(x)).min() < 0.3
+    x = random_motion(test_interior, rng)
+    assert test_interior.gaps(test_interior.states(x)[0]).min() < 0.3
+    assert test_interior.torque_slack(test_interior.states(x)).min() < 0.3
     for weight in (0.0, 30.0):  # 30: of the barrier alone
-        gradient = one.at(x, weight).gradient
+        gradient = test_interior.at(x, weight).gradient
         step = rng.normal(size=x.shape) * 1e-6
-        ends = [one.at(x + side * step, weight).value for side in (1, -1)]
+        ends = [test_interior.at(x + side * step, weight).value for side in (1, -1)]
         assert ends[0] - ends[1] == pytest.approx(2 * float((gradient * step).sum()), rel=2e-5)
 
 
 @pytest.mark.parametrize("limit", ["lower", "velocity", "acceleration", "jerk", "torque", "clearance"])
 def test_each_limit_alone_is_kept_and_only_within_all_there_is_a_value(limit):
-    one = interior()
-    x = random_motion(one, np.random.default_rng(5))
-    states = np.abs(one.states(x) - np.stack([LIMITS.middle, *np.zeros((3, 2))])[:, None]).max(axis=1)
+    test_interior = interior()
+    x = random_motion(test_interior, np.random.default_rng(5))
+    states = np.abs(test_interior.states(x) - np.stack([LIMITS.middle, *np.zeros((3, 2))])[:, None]).max(axis=1)
     used = dict(zip(("lower", "velocity", "acceleration", "jerk"), states, strict=True))
     match limit:
         case "clearance":
@@ -71,18 +71,20 @@ def test_each_limit_alone_is_kept_and_only_within_all_there_is_a_value(limit):
             tight = interior(limits=replace(LIMITS, **ends))
         case _:
             tight = interior(limits=replace(LIMITS, **{limit: 0.9 * used[limit]}))
-    assert (one.is_inside(x), tight.is_inside(x)) == (True, False)
-    assert one.at(x, 1.0) is not None
+    assert (test_interior.is_inside(x), tight.is_inside(x)) == (True, False)
+    assert test_interior.at(x, 1.0) is not None
     assert tight.at(x, 1.0) is None
 
 
 def test_limits_are_kept_between_the_points_of_the_grid():
-    one = interior()
-    x = random_motion(one, np.random.default_rng(6))
-    t = np.linspace(0.0, one.family.duration, 5001)
-    shares = np.abs(np.asarray(one.family.values(t) @ x.T) - np.stack([LIMITS.middle, *np.zeros((3, 2))])[:, None])
+    test_interior = interior()
+    x = random_motion(test_interior, np.random.default_rng(6))
+    t = np.linspace(0.0, test_interior.family.duration, 5001)
+    shares = np.abs(
+        np.asarray(test_interior.family.values(t) @ x.T) - np.stack([LIMITS.middle, *np.zeros((3, 2))])[:, None]
+    )
     assert (shares <= LIMITS.sizes[:, None]).all()
-    assert one.between(x, MODEL) is None
+    assert test_interior.between(x, MODEL) is None
 
 
 SHORT = (Stage(1.0, 10), Stage(0.1, 10, 0.5))
@@ -90,13 +92,13 @@ ONE = interior(space=OPEN)
 
 
 def test_the_motion_found_is_better_than_random_ones_and_keeps_to_the_limits():
-    found = search(ONE, Plan(2, (Stage(1.0, 15), Stage(0.05, 15))), np.random.default_rng(0))
+    outcome = search(ONE, Plan(2, (Stage(1.0, 15), Stage(0.05, 15))), np.random.default_rng(0))
     rng = np.random.default_rng(1)
     others = [ONE.at(random_motion(ONE, rng), 0.0).criterion for _ in range(40)]
-    assert found.criterion < min(others) - 3
-    assert found.criterion == pytest.approx(ONE.at(found.x, 0.0).criterion)
-    assert ONE.is_inside(found.x)
-    assert not found.interrupted
+    assert outcome.criterion < min(others) - 3
+    assert outcome.criterion == pytest.approx(ONE.at(outcome.x, 0.0).criterion)
+    assert ONE.is_inside(outcome.x)
+    assert not outcome.interrupted
 
 
 def test_the_barrier_holds_every_iterate(monkeypatch):
@@ -143,11 +145,11 @@ def test_stopped_it_gives_the_best_so_far():
             raise KeyboardInterrupt
 
     with progress_to(stop):
-        found = search(ONE, Plan(4, SHORT), np.random.default_rng(4))
-    assert found.interrupted
-    log_det = 2 * np.log(ONE.information.scale).sum() - found.criterion
+        outcome = search(ONE, Plan(4, SHORT), np.random.default_rng(4))
+    assert outcome.interrupted
+    log_det = 2 * np.log(ONE.information.scale).sum() - outcome.criterion
     assert max(calls) == float(f"{log_det:.1f}")
-    assert ONE.is_inside(found.x)
+    assert ONE.is_inside(outcome.x)
 
 
 def test_stopped_before_anything_was_found_it_stops(monkeypatch):
@@ -158,8 +160,8 @@ def test_stopped_before_anything_was_found_it_stops(monkeypatch):
 
 def test_it_begins_with_the_motions_that_are_given():
     x = random_motion(ONE, np.random.default_rng(9))
-    found = search(ONE, Plan(5, (Stage(1.0, 0),)), np.random.default_rng(0), initial=[x])
-    np.testing.assert_array_equal(found.x, x)
+    outcome = search(ONE, Plan(5, (Stage(1.0, 0),)), np.random.default_rng(0), initial=[x])
+    np.testing.assert_array_equal(outcome.x, x)
 
 
 def test_a_start_beyond_the_limits_is_refused():
@@ -177,5 +179,5 @@ def test_large_problems_keep_to_the_barrier(monkeypatch):
     assert not polish.is_small_enough(tight)
     monkeypatch.setattr(searching, "LARGE_PROBLEM_STAGES", (Stage(0.1, 4),))
     monkeypatch.setattr(searching, "polish_motion", pytest.fail)
-    found = search(tight, Plan(1, (Stage(1.0, 4), Stage(0.0, 4))), np.random.default_rng(0))
-    assert tight.is_inside(found.x)
+    outcome = search(tight, Plan(1, (Stage(1.0, 4), Stage(0.0, 4))), np.random.default_rng(0))
+    assert tight.is_inside(outcome.x)

@@ -44,12 +44,12 @@ def test_times_are_at_the_rate_with_the_end():
 
 def test_what_repeats_is_left_out_once():
     (way, motion), back = TWO.pieces, Piece(Line(2.0, 3.0), Purpose.WAY)
-    whole = Trajectory(("a", "b"), (way, motion, motion, motion, back, motion))
-    assert whole.without_repeats.pieces == (way, motion, back, motion)
+    full = Trajectory(("a", "b"), (way, motion, motion, motion, back, motion))
+    assert full.without_repeats.pieces == (way, motion, back, motion)
     assert TWO.without_repeats.pieces == TWO.pieces
     for t, first in ((1.0, 1.0), (2.3, 2.3), (2.6, 3.6), (4.6, 5.6)):
-        assert whole.first_time(t) == pytest.approx(first)
-        np.testing.assert_allclose(whole.states(np.array([first])), whole.without_repeats.states(np.array([t])))
+        assert full.first_time(t) == pytest.approx(first)
+        np.testing.assert_allclose(full.states(np.array([first])), full.without_repeats.states(np.array([t])))
 
 
 TRAJECTORY = Trajectory(
@@ -74,10 +74,10 @@ class Thorn:
 @pytest.mark.parametrize("place", [0.7123, 2.5, 3.3337])
 def test_a_narrow_approach_is_found_between_the_coarse_samples(place):
     thorn = Thorn(place, 0.03)
-    found = closest_approach(thorn, TRAJECTORY, 0.025)
-    assert found.distance == pytest.approx(0.02, abs=2e-4)
-    assert found.pair == ("link", "thorn")
-    assert TRAJECTORY.states(np.array([found.time]))[0, 0, 0] == pytest.approx(place, abs=1e-3)
+    result = closest_approach(thorn, TRAJECTORY, 0.025)
+    assert result.distance == pytest.approx(0.02, abs=2e-4)
+    assert result.pair == ("link", "thorn")
+    assert TRAJECTORY.states(np.array([result.time]))[0, 0, 0] == pytest.approx(place, abs=1e-3)
     assert thorn.asked < 1500  # not all of 4000
 
 
@@ -99,9 +99,9 @@ class Comb(Thorn):
 @pytest.mark.parametrize("place", [0.7123, 2.501, 3.3337])
 def test_an_approach_is_proven_where_the_slopes_are_known(place):
     comb = Comb(place, 0.0401)
-    found = closest_approach(comb, TRAJECTORY, 0.01)
-    assert found.distance == pytest.approx(0.0099, abs=2e-5)
-    assert found.pair == ("link", "thorn")
+    result = closest_approach(comb, TRAJECTORY, 0.01)
+    assert result.distance == pytest.approx(0.0099, abs=2e-5)
+    assert result.pair == ("link", "thorn")
     assert comb.asked < 6000
 
 

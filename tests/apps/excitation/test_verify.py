@@ -70,7 +70,7 @@ LOW, HIGH = np.array([-0.6, 0.0]), np.array([0.6, 0.1])
 
 
 def trajectory(*courses):
-    return Trajectory(LIMITS.joints, tuple(Piece(one, Purpose.MOTION) for one in courses))
+    return Trajectory(LIMITS.joints, tuple(Piece(course, Purpose.MOTION) for course in courses))
 
 
 def way(duration=2.0, start=LOW, end=HIGH):
@@ -92,9 +92,9 @@ def test_what_the_guards_let_pass_the_check_lets_pass(seed, periodic):
     pieces = from_rest(strong, LinearCourse(family, scaled(family, rng, share=1.0)), 1, None, rng)
     if pieces is None:  # ramps need some room
         return
-    found = verify(Trajectory(LIMITS.joints, pieces), Feasibility(MODEL, THETA, strong.limits))
-    assert (found.reached <= 1 + 1e-6).all()
-    assert found.reached[:4].max() > 0.9
+    result = verify(Trajectory(LIMITS.joints, pieces), Feasibility(MODEL, THETA, strong.limits))
+    assert (result.reached <= 1 + 1e-6).all()
+    assert result.reached[:4].max() > 0.9
 
 
 @pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration", "jerk", "torque"])
@@ -119,15 +119,15 @@ def test_a_limit_that_is_left_between_samples_is_named_with_joint_time_and_value
 
 
 def test_what_is_used_of_the_limits_is_what_fine_samples_say():
-    found = verify(trajectory(way()), Feasibility(MODEL, THETA, LIMITS))
+    result = verify(trajectory(way()), Feasibility(MODEL, THETA, LIMITS))
     q, dq, ddq, jerk = way().states(np.linspace(0, 2.0, 200_001))
     tau = MODEL.torque(q, dq, ddq, THETA)
     sizes = [LIMITS.half, *LIMITS.sizes[1:], LIMITS.torque]
-    used = [np.abs(one).max(axis=0) / size for one, size in zip((q, dq, ddq, jerk, tau), sizes, strict=True)]
-    np.testing.assert_allclose(found.reached, used, rtol=1e-6)
-    assert found.routes == ("regressor", "Pinocchio")
-    assert found.nearest is None
-    assert found.samples > 2000
+    used = [np.abs(x).max(axis=0) / size for x, size in zip((q, dq, ddq, jerk, tau), sizes, strict=True)]
+    np.testing.assert_allclose(result.reached, used, rtol=1e-6)
+    assert result.routes == ("regressor", "Pinocchio")
+    assert result.nearest is None
+    assert result.samples > 2000
 
 
 def test_jumps_between_pieces_and_motion_at_the_ends_are_refused():
@@ -169,8 +169,8 @@ def test_something_too_near_is_named():
     said = refused([way(start=np.array([-0.6, 0.0]), end=np.array([0.6, 0.0]))], space=Post(), clearance=0.02)
     assert "'lower' and 'post' are -50.00 mm apart at 1.0000 s, nearer than the clearance of 20 mm" in said
     stands = trajectory(Hold(1.0, np.array([-0.6, 0.0])))
-    found = verify(stands, Feasibility(MODEL, THETA, LIMITS, Post(), 0.02), shapes=Post(radius=0.05))
-    assert found.nearest_shapes.distance == pytest.approx(found.nearest.distance + 0.05)
+    result = verify(stands, Feasibility(MODEL, THETA, LIMITS, Post(), 0.02), shapes=Post(radius=0.05))
+    assert result.nearest_shapes.distance == pytest.approx(result.nearest.distance + 0.05)
     with pytest.raises(LimitError, match="lower"):
         verify(stands, Feasibility(MODEL, THETA, LIMITS, Post(), 0.02), shapes=Post(radius=0.6))
 

@@ -39,8 +39,8 @@ def test_every_duration_offered_keeps_the_limits(seed):
         q, *rest = Quintic(duration, start, end).states(np.linspace(0, duration, 500))
         assert q.min() >= -2.0 - 1e-8
         assert q.max() <= 1.5 + 1e-8
-        for found, limit in zip(rest, (2.0, 8.0, 160.0), strict=True):
-            assert np.abs(found).max() <= limit * (1 + 1e-8)
+        for result, limit in zip(rest, (2.0, 8.0, 160.0), strict=True):
+            assert np.abs(result).max() <= limit * (1 + 1e-8)
 
 
 def test_a_state_beyond_the_limits_has_no_way():
@@ -86,9 +86,9 @@ def test_a_free_way_is_one_quintic():
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_way_goes_around_what_is_between(seed):
     assert direct_path(AROUND, rest_state(LOW), rest_state(HIGH)) is None
-    found = find_path(AROUND, LOW, HIGH, np.random.default_rng(seed))
-    assert len(found) > 1
-    trajectory = Trajectory(LIMITS.joints, tuple(Piece(one, Purpose.WAY) for one in found))
+    path = find_path(AROUND, LOW, HIGH, np.random.default_rng(seed))
+    assert len(path) > 1
+    trajectory = Trajectory(LIMITS.joints, tuple(Piece(x, Purpose.WAY) for x in path))
     checked = verify(trajectory, Feasibility(MODEL, THETA, LIMITS, Post(), 0.02))
     assert checked.nearest.distance >= 0.02
     np.testing.assert_allclose(trajectory.states(np.array([0.0, 1e9]))[0], [LOW, HIGH], atol=1e-12)

@@ -37,8 +37,10 @@ def arm(folder: Path) -> dy.Model:
 
 def truth(model: dy.Model, **changed: float) -> np.ndarray:
     """The parameters of an arm: those of the file, and its friction, with some of them ``changed``."""
-    known = {"Fv": 1.0, "Fc": 0.6, "offset": 0.1}
-    theta = np.array([known.get(one.name.split("_")[0], one.value or 0.0) for one in model.parameters])
+    reference = {"Fv": 1.0, "Fc": 0.6, "offset": 0.1}
+    theta = np.array(
+        [reference.get(parameter.name.split("_")[0], parameter.value or 0.0) for parameter in model.parameters]
+    )
     for name, value in changed.items():
         theta[model.names.index(name)] = value
     return theta

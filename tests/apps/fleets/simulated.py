@@ -60,6 +60,6 @@ def robot(rng, name, truth, logs, change=lambda log, value: None, rows=40):
 
 def fleet(rng, robots, logs, changes=None):
     """Robots that differ by 20 %; ``changes`` by robot add to the value of a log."""
-    known = changes or {}
+    reference = changes or {}
     truth = SIZE * (1 + 0.2 * rng.standard_normal((robots, B)))
-    return [robot(rng, f"robot{r}", truth[r], logs, known.get(r, lambda log, value: None)) for r in range(robots)]
+    return [robot(rng, f"robot{r}", truth[r], logs, reference.get(r, lambda log, value: None)) for r in range(robots)]

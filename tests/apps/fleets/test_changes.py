@@ -57,18 +57,18 @@ def test_what_changes_is_found_with_its_size_and_nothing_else() -> None:
     flagged, scores = set(), []
     for seed in range(3):
         rng = np.random.default_rng(seed)
-        found = find_changes(fleet(rng, 10, 16, FAULTS), GROUPS, rng, draws=300)
-        pairs = {(int(one.robot[5:]), GROUPS.index(one.group)) for one in found.changes}
+        changes = find_changes(fleet(rng, 10, 16, FAULTS), GROUPS, rng, draws=300)
+        pairs = {(int(change.robot[5:]), GROUPS.index(change.group)) for change in changes.changes}
         assert pairs >= FOUND
         flagged |= pairs - FOUND
-        (step,) = found.of("robot3")
+        (step,) = changes.of("robot3")
         assert (step.shape, step.since, step.day, step.between) == (ChangeShape.STEP, "log10", 70.0, ("log10", "log10"))
         assert step.odds > 1e3
-        payloads = [one for one in found.changes if one.group is GROUPS[PAYLOAD]]
-        scores += [(one.size - CARRIED) / one.std for one in payloads]
+        payloads = [change for change in changes.changes if change.group is GROUPS[PAYLOAD]]
+        scores += [(payload.size - CARRIED) / payload.std for payload in payloads]
         assert step.per_day is None
         assert step.p_value == 1 / 301
-        wear = next(one for one in found.of("robot7") if one.group is GROUPS[RIPPLE])
+        wear = next(x for x in changes.of("robot7") if x.group is GROUPS[RIPPLE])
         assert wear.shape is ChangeShape.DRIFT
         assert (np.abs(wear.size - 0.3 * SIZE[10:]) < 4 * wear.std).all()
         assert wear.per_day is not None
@@ -80,8 +80,8 @@ def test_what_changes_is_found_with_its_size_and_nothing_else() -> None:
 
 def test_one_robot_alone_shows_a_large_change() -> None:
     rng = np.random.default_rng(3)
-    found = find_changes(fleet(rng, 1, 14, {0: carries}), GROUPS, rng, draws=300)
-    assert [(GROUPS.index(one.group), one.index) for one in found.changes] == [(PAYLOAD, 10)]
+    changes = find_changes(fleet(rng, 1, 14, {0: carries}), GROUPS, rng, draws=300)
+    assert [(GROUPS.index(change.group), change.index) for change in changes.changes] == [(PAYLOAD, 10)]
 
 
 def test_one_of_three_robots_does_not_hide_in_its_own_scatter() -> None:
@@ -92,8 +92,8 @@ def test_one_of_three_robots_does_not_hide_in_its_own_scatter() -> None:
 
     for seed in range(4):
         rng = np.random.default_rng(seed)
-        found = find_changes(fleet(rng, 3, 4, {1: rises}), GROUPS, rng, draws=300)
-        assert {(one.robot, GROUPS.index(one.group)) for one in found.changes} == {("robot1", FRICTION_A)}
+        changes = find_changes(fleet(rng, 3, 4, {1: rises}), GROUPS, rng, draws=300)
+        assert {(change.robot, GROUPS.index(change.group)) for change in changes.changes} == {("robot1", FRICTION_A)}
 
 
 def test_a_group_of_many_directions_does_not_hide_the_changes_of_others() -> None:
@@ -105,20 +105,22 @@ def test_a_group_of_many_directions_does_not_hide_the_changes_of_others() -> Non
 
     for seed in range(4):
         rng = np.random.default_rng(seed)
-        found = find_changes(fleet(rng, 3, 6, {1: rises}), [*GROUPS, wide], rng, draws=300)
-        assert [(one.robot, one.group) for one in found.changes] == [("robot1", GROUPS[FRICTION_A])]
+        changes = find_changes(fleet(rng, 3, 6, {1: rises}), [*GROUPS, wide], rng, draws=300)
+        assert [(change.robot, change.group) for change in changes.changes] == [("robot1", GROUPS[FRICTION_A])]
 
 
 def test_too_few_logs_say_nothing_and_are_named() -> None:
     rng = np.random.default_rng(4)
     for robots, logs in ((1, 1), (1, 4), (3, 2), (8, 1)):
-        found = find_changes(fleet(rng, robots, logs, {0: lambda log, value: value.__imul__(1 + 9 * log)}), GROUPS, rng)
-        assert found.changes == ()
-        assert found.scatter.dof <= 4
-        assert len(found.silent) + len(found.p_values) == robots
+        changes = find_changes(
+            fleet(rng, robots, logs, {0: lambda log, value: value.__imul__(1 + 9 * log)}), GROUPS, rng
+        )
+        assert changes.changes == ()
+        assert changes.scatter.dof <= 4
+        assert len(changes.silent) + len(changes.p_values) == robots
     single = fleet(rng, 1, 1)[0]
-    found = find_changes([*fleet(rng, 6, 5), History("new", *_fields(single))], GROUPS, rng)
-    assert found.silent == ("new",)
+    changes = find_changes([*fleet(rng, 6, 5), History("new", *_fields(single))], GROUPS, rng)
+    assert changes.silent == ("new",)
     assert find_changes([], GROUPS, rng).silent == ()
 
 
@@ -128,18 +130,18 @@ def test_what_a_log_does_not_show_changes_nothing() -> None:
     histories = fleet(rng, 6, 8)
     for history in histories:
         history.information[::3, 9, :] = history.information[::3, :, 9] = 0.0
-    one = find_changes(histories, GROUPS, np.random.default_rng(1), draws=200)
+    changes = find_changes(histories, GROUPS, np.random.default_rng(1), draws=200)
     for history in histories:
         history.value[::3, 9] += 1e3
     other = find_changes(histories, GROUPS, np.random.default_rng(1), draws=200)
-    assert one.changes == other.changes == ()
-    np.testing.assert_allclose(list(one.p_values.values()), list(other.p_values.values()), atol=0.05)
+    assert changes.changes == other.changes == ()
+    np.testing.assert_allclose(list(changes.p_values.values()), list(other.p_values.values()), atol=0.05)
 
 
 def test_draws_depend_on_the_generator_alone() -> None:
     histories = fleet(np.random.default_rng(7), 3, 4)
-    one, other = (find_changes(histories, GROUPS, np.random.default_rng(1), draws=50) for _ in range(2))
-    assert one.p_values == other.p_values
+    first, second = (find_changes(histories, GROUPS, np.random.default_rng(1), draws=50) for _ in range(2))
+    assert first.p_values == second.p_values
 
 
 def test_courses_step_at_a_log_and_drift_from_its_day() -> None:
@@ -150,10 +152,7 @@ def test_courses_step_at_a_log_and_drift_from_its_day() -> None:
 
 def test_logs_of_one_day_have_no_drift() -> None:
     rng = np.random.default_rng(10)
-    histories = [
-        History(one.robot, one.logs, 0 * one.days, one.value, one.information)
-        for one in fleet(rng, 8, 12, {0: carries})
-    ]
+    histories = [History(x.robot, x.logs, 0 * x.days, x.value, x.information) for x in fleet(rng, 8, 12, {0: carries})]
     (step,) = find_changes(histories, GROUPS, rng, draws=200).changes
     assert (step.shape, step.index, step.odds) == (ChangeShape.STEP, 10, np.inf)
 
@@ -167,8 +166,8 @@ SPREAD = 0.2
 
 def shared(rng, robots=12, logs=8, changes=None):
     histories = fleet(rng, robots, logs, changes)
-    found = find_changes(histories, GROUPS, rng, draws=200)
-    return histories, found, pool_robots(histories, GROUPS, found.scatter, found.changes)
+    test_changes = find_changes(histories, GROUPS, rng, draws=200)
+    return histories, test_changes, pool_robots(histories, GROUPS, test_changes.scatter, test_changes.changes)
 
 
 def test_mean_and_spread_are_those_of_the_robots() -> None:
@@ -187,12 +186,12 @@ def test_posteriors_hold_the_truth() -> None:
         histories = [robot(rng, f"robot{r}", truth[r], 8) for r in range(12)]
         scatter = scatter_of(histories, GROUPS, rng)
         type_ = pool_robots(histories, GROUPS, scatter)
-        old += [(one.value - beta) / one.std for one, beta in zip(type_.robots, truth, strict=True)]
+        old += [(x.value - beta) / x.std for x, beta in zip(type_.robots, truth, strict=True)]
         for _ in range(12):
             beta = SIZE * (1 + SPREAD * rng.standard_normal(B))
             log = robot(rng, "new", beta, 1, rows=13)
-            one = type_.borrow("new", log.value[0], scatter.with_scatter(log.information[0]))
-            new.append((one.value - beta) / one.std)
+            case = type_.borrow("new", log.value[0], scatter.with_scatter(log.information[0]))
+            new.append((case.value - beta) / case.std)
     for scores in (old, new):
         assert 0.75 < np.sqrt(np.mean(np.square(scores))) < 1.3
 
@@ -230,10 +229,10 @@ def test_robots_are_pooled_as_they_were_before_their_changes() -> None:
     rng = np.random.default_rng(6)
     truth = SIZE * (1 + SPREAD * rng.standard_normal((8, B)))
     histories = [robot(rng, f"robot{r}", truth[r], 9, *([carries] if r == 2 else [])) for r in range(8)]
-    found = find_changes(histories, GROUPS, rng, draws=200)
-    assert {one.robot for one in found.changes} == {"robot2"}
-    value, information = baseline(histories[2], found.scatter, found.of("robot2"))
+    changes = find_changes(histories, GROUPS, rng, draws=200)
+    assert {change.robot for change in changes.changes} == {"robot2"}
+    value, information = baseline(histories[2], changes.scatter, changes.of("robot2"))
     std = np.sqrt(np.diag(np.linalg.inv(information)))
     assert (np.abs(value - truth[2]) < 4.5 * std).all()
-    later, _ = baseline(histories[2], found.scatter)
+    later, _ = baseline(histories[2], changes.scatter)
     assert (np.abs(later - truth[2]) > 4.5 * std).any()

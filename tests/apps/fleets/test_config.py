@@ -27,14 +27,14 @@ SAFE = set(string.ascii_letters + string.digits + "._-=")
 def test_no_two_names_share_a_folder_and_none_leaves_it() -> None:
     usual = ["arm-07", "UR10e_3", "2026-11-22T10.30"]
     assert folder_names(usual) == dict(zip(usual, usual, strict=True))
-    found = folder_names(NAMES)
-    assert list(found) == NAMES
-    assert len({one.casefold() for one in found.values()}) == len(NAMES)
-    for one in found.values():
-        assert set(one) <= SAFE
-        assert 0 < len(one) <= 80
-        assert not one.startswith(".")
-        assert not one.endswith(".")
+    result = folder_names(NAMES)
+    assert list(result) == NAMES
+    assert len({value.casefold() for value in result.values()}) == len(NAMES)
+    for case in result.values():
+        assert set(case) <= SAFE
+        assert 0 < len(case) <= 80
+        assert not case.startswith(".")
+        assert not case.endswith(".")
 
 
 LOGS = "logs: logs/{robot}/{date}.csv\n"
@@ -85,13 +85,13 @@ def listed(folder: Path, **given: Any) -> list[FleetLog]:
 
 def test_a_pattern_has_fields_may_cross_folders_and_name_the_type_or_a_field_twice(tmp_path: Path) -> None:
     touched(tmp_path, "site/a[1]/2026-11-22.csv", "site/b/2026-11-23.csv", "site/b/x/2026-11-23.csv", "site/b/n.txt")
-    found = listed(tmp_path, logs="si?e/{robot}/{date}.csv")
-    assert [(one.robot, one.date) for one in found] == [("a[1]", DAY), ("b", datetime(2026, 11, 23))]
-    assert all(one.stamp and not one.fault for one in found)
+    result = listed(tmp_path, logs="si?e/{robot}/{date}.csv")
+    assert [(x.robot, x.date) for x in result] == [("a[1]", DAY), ("b", datetime(2026, 11, 23))]
+    assert all(x.stamp and not x.fault for x in result)
     touched(tmp_path, "x/y/ur10_r1_20261122.csv", "ur5_r2_20261122.csv", "a/a-2026-11-22.csv", "a/b-2026-11-22.csv")
-    found = listed(tmp_path, logs="**/{type}_{robot}_{date}.csv")
-    assert [(one.type, one.robot) for one in found] == [("ur10", "r1"), ("ur5", "r2")]
-    assert [one.log for one in listed(tmp_path, logs="{robot}/{robot}-{date}.csv")] == ["a/a-2026-11-22.csv"]
+    result = listed(tmp_path, logs="**/{type}_{robot}_{date}.csv")
+    assert [(x.type, x.robot) for x in result] == [("ur10", "r1"), ("ur5", "r2")]
+    assert [x.log for x in listed(tmp_path, logs="{robot}/{robot}-{date}.csv")] == ["a/a-2026-11-22.csv"]
 
 
 @pytest.mark.parametrize(
@@ -107,11 +107,11 @@ def test_a_table_lists_logs_and_its_unknown_columns_are_named(tmp_path: Path) ->
     touched(tmp_path, "one.csv", "two.csv")
     rows = ["log,robot,date,operator,holdout", "one.csv,007,2026-11-22,x,", "two.csv,007,2026-11-23,y,one.csv"]
     (tmp_path / "runs.csv").write_text("\n".join([*rows, "no.csv,8,2026-11-22,,"]))
-    found, warnings = fleet_logs(settings(table="runs.csv"), tmp_path)
-    assert [(one.robot, one.log, bool(one.stamp)) for one in found] == [
+    result, warnings = fleet_logs(settings(table="runs.csv"), tmp_path)
+    assert [(x.robot, x.log, bool(x.stamp)) for x in result] == [
         ("007", "one.csv", True), ("007", "two.csv", True), ("8", "no.csv", False)
     ]  # fmt: skip
-    assert found[2].fault == "no.csv: there is no such file"
+    assert result[2].fault == "no.csv: there is no such file"
     assert "'holdout' is not used; did you mean 'hold_out'" in warnings[0]  # what may be misspelt comes first
     assert "'operator' is not used" in warnings[1]
 
@@ -120,8 +120,8 @@ def test_a_table_may_be_parquet_with_dates_and_a_held_out_log(tmp_path: Path) ->
     touched(tmp_path, "one.csv")
     row = {"log": ["one.csv"], "robot": [7], "date": [date(2026, 11, 22)], "hold_out": ["two.csv"], "type": ["ur5"]}
     pl.DataFrame(row).write_parquet(tmp_path / "runs.parquet")
-    (found,) = listed(tmp_path, table="runs.parquet")
-    assert (found.robot, found.date, found.hold_out, found.type) == ("7", DAY, "two.csv", "ur5")
+    (result,) = listed(tmp_path, table="runs.parquet")
+    assert (result.robot, result.date, result.hold_out, result.type) == ("7", DAY, "two.csv", "ur5")
 
 
 @pytest.mark.parametrize(
@@ -187,8 +187,8 @@ def test_of_the_folder_of_results_only_the_results_are_no_logs(tmp_path: Path) -
     touched(tmp_path, "logs/arm-1/2026-11-22.csv", "runs/arm-1/2026-11-22.csv", "out/runs/arm-1/2026-11-22.csv")
     for out in (tmp_path, tmp_path / "logs", tmp_path / "logs" / "arm-1"):
         assert len(fleet_logs(settings(logs="logs/{robot}/{date}.csv"), tmp_path, out)[0]) == 1
-    found, _ = fleet_logs(settings(logs="**/{robot}/{date}.csv"), tmp_path, tmp_path / "out")
-    assert [one.log for one in found] == ["logs/arm-1/2026-11-22.csv", "runs/arm-1/2026-11-22.csv"]
+    result, _ = fleet_logs(settings(logs="**/{robot}/{date}.csv"), tmp_path, tmp_path / "out")
+    assert [x.log for x in result] == ["logs/arm-1/2026-11-22.csv", "runs/arm-1/2026-11-22.csv"]
     with pytest.raises(InputError, match="no log but those where results are written"):
         fleet_logs(settings(logs="runs/{robot}/{date}.csv"), tmp_path, tmp_path)
 

@@ -32,13 +32,13 @@ SAMPLES, DAILY = 1000.0, 0.06  # of a log; how much residuals differ from log to
 
 def residuals(rng, histories, changes=None):
     """What the model leaves: half a newton metre or so; ``changes`` by robot add to the logarithm (n) of a log."""
-    found, n = [], len(JOINTS)
-    for r, one in enumerate(histories):
-        k = len(one.logs)
+    result, n = [], len(JOINTS)
+    for r, case in enumerate(histories):
+        k = len(case.logs)
         value = np.log(0.5) + 0.3 * rng.standard_normal(n) + DAILY * rng.standard_normal((k, n))
         value += np.array([(changes or {}).get(r, lambda log: np.zeros(n))(log) for log in range(k)])
-        found.append(History(one.robot, one.logs, one.days, value, np.tile(2 * SAMPLES * np.eye(n), (k, 1, 1))))
-    return found
+        result.append(History(case.robot, case.logs, case.days, value, np.tile(2 * SAMPLES * np.eye(n), (k, 1, 1))))
+    return result
 
 
 def grows(log: int) -> np.ndarray:
@@ -51,10 +51,10 @@ def steps(log: int) -> np.ndarray:
 
 def test_the_residual_of_each_joint_is_a_group_in_units_of_its_torque() -> None:
     groups = residual_groups(JOINTS)
-    assert [(one.kind, one.joint, one.units) for one in groups] == [
+    assert [(group.kind, group.joint, group.units) for group in groups] == [
         (GroupKind.RESIDUAL, "a", ("N m",)), (GroupKind.RESIDUAL, "b", ("N m",)), (GroupKind.RESIDUAL, "rail", ("N",))
     ]  # fmt: skip
-    np.testing.assert_array_equal(np.hstack([one.directions for one in groups]), np.eye(3))
+    np.testing.assert_array_equal(np.hstack([group.directions for group in groups]), np.eye(3))
 
 
 @pytest.mark.parametrize(
@@ -73,10 +73,10 @@ def test_quiet_robots_are_flagged_no_more_often_than_said(
             mean, odd = history.value.mean(axis=0), rng.random(logs) < odd_logs
             history.value[odd] = mean + 5 * (history.value[odd] - mean)
         left = residuals(rng, histories) if has_residuals else []
-        found = find_changes_and_residuals(histories, GROUPS, left, JOINTS, rng, rate=rate, draws=60)
-        chances += found.p_values.values()
-        flagged += len({one.robot for one in found.changes})
-        assert found.rate == rate
+        changes = find_changes_and_residuals(histories, GROUPS, left, JOINTS, rng, rate=rate, draws=60)
+        chances += changes.p_values.values()
+        flagged += len({change.robot for change in changes.changes})
+        assert changes.rate == rate
     assert len(chances) == robots * fleets
     assert flagged <= sum(chance <= rate for chance in chances) <= binom.ppf(0.999, len(chances), rate)
     assert has_residuals or sum(chance <= 0.3 for chance in chances) <= binom.ppf(0.999, len(chances), 0.3)
@@ -86,26 +86,26 @@ def test_a_residual_that_grows_is_found_at_its_joint_beside_a_change_of_paramete
     rng = np.random.default_rng(1)
     histories = fleet(rng, 10, 16, {4: carries})
     left = residuals(rng, histories, {2: grows, 7: grows})
-    found = find_changes_and_residuals(histories, GROUPS, left, JOINTS, rng, **FEW_DRAWS)
-    assert {(one.robot, one.group.kind, one.group.joint) for one in found.changes} == {
+    changes = find_changes_and_residuals(histories, GROUPS, left, JOINTS, rng, **FEW_DRAWS)
+    assert {(change.robot, change.group.kind, change.group.joint) for change in changes.changes} == {
         ("robot2", GroupKind.RESIDUAL, "b"), ("robot4", GroupKind.PAYLOAD, "b"), ("robot7", GroupKind.RESIDUAL, "b")
     }  # fmt: skip
-    (change,) = found.of("robot2")
+    (change,) = changes.of("robot2")
     assert abs(change.size[0] - 0.5) < 4 * change.std[0]
-    assert found.p_values["robot2"] == change.p_value < 0.01
-    assert found.residual_scatter is not None
-    assert abs(np.sqrt(found.residual_scatter.covariance[1, 1]) - DAILY) < 0.02
+    assert changes.p_values["robot2"] == change.p_value < 0.01
+    assert changes.residual_scatter is not None
+    assert abs(np.sqrt(changes.residual_scatter.covariance[1, 1]) - DAILY) < 0.02
 
 
-@pytest.mark.parametrize(("late", "kinds"), [(0, ["payload"]), (4, ["payload", "residual"])])
-def test_a_residual_that_a_change_of_parameters_explains_is_left_out(late: int, kinds: list[str]) -> None:
+@pytest.mark.parametrize(("delay", "kinds"), [(0, ["payload"]), (4, ["payload", "residual"])])
+def test_a_residual_that_a_change_of_parameters_explains_is_left_out(delay: int, kinds: list[str]) -> None:
     rng = np.random.default_rng(2)
     histories = fleet(rng, 10, 18, {4: carries})
-    found = find_changes_and_residuals(
-        histories, GROUPS, residuals(rng, histories, {4: lambda log: steps(log - late)}), JOINTS, rng, **FEW_DRAWS
+    changes = find_changes_and_residuals(
+        histories, GROUPS, residuals(rng, histories, {4: lambda log: steps(log - delay)}), JOINTS, rng, **FEW_DRAWS
     )
-    assert sorted({str(one.group.kind) for one in found.of("robot4")}) == kinds
-    assert len(found.changes) == len(found.of("robot4"))
+    assert sorted({str(x.group.kind) for x in changes.of("robot4")}) == kinds
+    assert len(changes.changes) == len(changes.of("robot4"))
 
 
 @pytest.mark.parametrize(("odd", "seed"), [(0, 0), (1, 2), (2, 3), (3, 4)])
@@ -125,18 +125,18 @@ def test_friction_of_another_joint_explains_nothing() -> None:
 
     histories = fleet(rng, 10, 16, {4: rubs})
     left = residuals(rng, histories, {4: steps})
-    found = find_changes_and_residuals(histories, GROUPS, left, JOINTS, rng, **FEW_DRAWS)
-    joints = sorted(one.group.joint for one in found.of("robot4") if one.group.kind is GroupKind.RESIDUAL)
+    changes = find_changes_and_residuals(histories, GROUPS, left, JOINTS, rng, **FEW_DRAWS)
+    joints = sorted(x.group.joint for x in changes.of("robot4") if x.group.kind is GroupKind.RESIDUAL)
     assert joints == ["b", "rail"]
-    assert GROUPS[FRICTION_A] in [one.group for one in found.of("robot4")]
+    assert GROUPS[FRICTION_A] in [x.group for x in changes.of("robot4")]
 
 
 def test_without_residuals_all_of_the_rate_is_that_of_the_parameters() -> None:
     histories = fleet(np.random.default_rng(4), 6, 10, {2: carries})
-    one = find_changes_and_residuals(histories, GROUPS, [], JOINTS, np.random.default_rng(0), rate=0.1, draws=50)
+    changes = find_changes_and_residuals(histories, GROUPS, [], JOINTS, np.random.default_rng(0), rate=0.1, draws=50)
     other = find_changes(histories, GROUPS, np.random.default_rng(0).spawn(1)[0], rate=0.1, draws=100)
-    assert one.p_values == other.p_values
-    assert one.residual_scatter is None
+    assert changes.p_values == other.p_values
+    assert changes.residual_scatter is None
 
 
 def test_a_ripple_that_the_recipe_does_not_have_is_flagged_at_its_joint(tmp_path: Path) -> None:
@@ -149,15 +149,17 @@ def test_a_ripple_that_the_recipe_does_not_have_is_flagged_at_its_joint(tmp_path
                 pl.read_csv(path).with_columns(tau2=pl.col("tau2") + ripple).write_csv(path)
     (tmp_path / "robot.yaml").write_text(RECIPE)
     (tmp_path / "fleet.yaml").write_text(FLEET + "false_alarms: 0.05\n")  # the smaller, the more draws
-    found = dy.fleet(tmp_path / "fleet.yaml", tmp_path / "out")
-    changes = found.changes[0].changes
-    assert {(one.robot, one.group.kind, one.group.joint) for one in changes} == {("arm-1", GroupKind.RESIDUAL, "elbow")}
+    test_fleet = dy.fleet(tmp_path / "fleet.yaml", tmp_path / "out")
+    changes = test_fleet.changes[0].changes
+    assert {(change.robot, change.group.kind, change.group.joint) for change in changes} == {
+        ("arm-1", GroupKind.RESIDUAL, "elbow")
+    }
     assert changes[0].size[0] > np.log(3)
-    words = fleet_findings(found)[0]
+    words = fleet_findings(test_fleet)[0]
     assert words.startswith("arm-1: torque that the model leaves at elbow ")
     assert "recipe.yaml" in words
     assert "torque that the model leaves at elbow" in (tmp_path / "out" / "report.html").read_text()
-    assert found.residuals[1].value.shape == (4, 2)
+    assert test_fleet.residuals[1].value.shape == (4, 2)
 
 
 def together(histories: list[History], rng: np.random.Generator) -> tuple[ParameterGroup, ...]:
@@ -203,12 +205,12 @@ def test_of_few_robots_nothing_is_said(robots: int, logs: int) -> None:
 
 
 def test_a_log_at_rest_is_named() -> None:
-    one, two = fleet(np.random.default_rng(5), 2, 3)
-    assert list(_rest_warnings([one, two])) == []
-    information = one.information.copy()
+    case, two = fleet(np.random.default_rng(5), 2, 3)
+    assert list(_rest_warnings([case, two])) == []
+    information = case.information.copy()
     shown = np.isin(np.arange(len(SIZE)), [8, 9])
     information[1] = np.where(np.outer(shown, shown), information[1], 0.0)
-    (words,) = _rest_warnings([replace(one, information=information), two])
+    (words,) = _rest_warnings([replace(case, information=information), two])
     assert words.endswith("as at rest: log1 (robot0).")
     assert list(_rest_warnings([])) == []
 

@@ -38,18 +38,18 @@ def test_a_recipe_is_another_one_where_settings_or_files_differ(folder: Path) ->
     (folder / "other.urdf").write_text(URDF)
     (folder / "longer.urdf").write_text(URDF.replace("0.4 0 0", "0.41 0 0"))
     changes = "robots: { same: { model: other.urdf }, long: { model: longer.urdf }, gain: { time_offset: 0.001 } }\n"
-    found = recipe_of(folder, FLEET + changes).digests(["", "arm-1", "same", "long", "gain"])
-    assert found[""] == found["arm-1"] == found["same"]  # of a file the content counts, and not its name
-    assert len(set(found.values())) == 3
-    assert recipe_of(folder, FLEET + "window: [0, 3]\n").digest("") not in found.values()
+    result = recipe_of(folder, FLEET + changes).digests(["", "arm-1", "same", "long", "gain"])
+    assert result[""] == result["arm-1"] == result["same"]  # of a file the content counts, and not its name
+    assert len(set(result.values())) == 3
+    assert recipe_of(folder, FLEET + "window: [0, 3]\n").digest("") not in result.values()
 
 
 def test_a_robot_file_alone_may_be_the_model(folder: Path) -> None:
     recipe = RECIPE.replace("{ file: arm.urdf, terms: [viscous, coulomb, offset], base_tilt: none }", "arm.urdf")
     changes = "robots: { arm-1: { model: { gravity: [0, 0, -9.8] } } }\n"
-    found = recipe_of(folder, FLEET + changes, recipe.replace("estimator", "min_speed: 0.01\nestimator")).of("arm-1")
-    assert (found["model"]["file"], found["model"]["gravity"]) == ("arm.urdf", [0, 0, -9.8])
-    assert "auto" not in found["model"]["terms"]
+    result = recipe_of(folder, FLEET + changes, recipe.replace("estimator", "min_speed: 0.01\nestimator")).of("arm-1")
+    assert (result["model"]["file"], result["model"]["gravity"]) == ("arm.urdf", [0, 0, -9.8])
+    assert "auto" not in result["model"]["terms"]
 
 
 @pytest.mark.parametrize(
@@ -84,11 +84,11 @@ def test_a_tilt_of_any_robot_shows_more_of_all(tmp_path: Path) -> None:
     turned = {"model": settings["model"] | {"base_tilt": [0.02, 0.01]}}
     level = model_of(FleetRecipe(settings, tmp_path, {}, {}))[1]
     tilted = model_of(FleetRecipe(settings | turned, tmp_path, {}, {}))[1]
-    one = model_of(FleetRecipe(settings, tmp_path, {"arm-2": turned}, {}))[1]
+    case = model_of(FleetRecipe(settings, tmp_path, {"arm-2": turned}, {}))[1]
     model = dy.read_robot(robot, terms=["viscous", "coulomb", "offset"])
     assert level.rank == structural_base_parameters(model).rank
     assert tilted.rank == structural_base_parameters(tilt_base(model, 0.02, 0.01)).rank > level.rank
-    assert one.independent == tilted.independent
+    assert case.independent == tilted.independent
 
 
 GCV_RECIPE = Recipe(Spline(GCV()))
@@ -106,19 +106,19 @@ def test_errors_are_as_large_as_the_information_says(tmp_path: Path) -> None:
     basis = structural_base_parameters(model)
     true, distances = basis.to_base(truth(model)), []
     for seed in range(6):
-        found = identify(model, [logged(model, seed)], recipe=GCV_RECIPE)
-        value, information, residual = information_of(found, basis)
+        result = identify(model, [logged(model, seed)], recipe=GCV_RECIPE)
+        value, information, residual = information_of(result, basis)
         error = value - true
         distances.append(error @ information @ error)
-        np.testing.assert_allclose(residual, list(found.validations[0].errors.rmse.values()), rtol=0.05)
+        np.testing.assert_allclose(residual, list(result.validations[0].errors.rmse.values()), rtol=0.05)
     assert 0.6 < np.mean(distances) / basis.rank < 1.5  # chi-squared with 60 degrees of freedom, over these
 
 
 def test_what_a_motion_does_not_show_has_no_information(tmp_path: Path) -> None:
     model = arm(tmp_path)
     basis = structural_base_parameters(model)
-    found = identify(model, [logged(model, 0, still=True)], recipe=Recipe(Difference("central")))
-    _, information, _ = information_of(found, basis)
+    result = identify(model, [logged(model, 0, still=True)], recipe=Recipe(Difference("central")))
+    _, information, _ = information_of(result, basis)
     names = [basis.names[k] for k in basis.independent]
     viscous = names.index("Fv_elbow")
     assert np.abs(information[viscous]).max() < 1e-9 * np.abs(information).max()

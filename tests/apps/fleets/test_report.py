@@ -69,28 +69,30 @@ def test_days_are_numbers_where_there_is_no_date():
 
 
 def test_logs_that_do_not_show_a_parameter_are_left_out():
-    one = course()
-    std = np.where(np.arange(8) == 2, np.inf, one.std)
-    points = trend_figure([replace(one, std=std)], START).data[1]
+    test_course = course()
+    std = np.where(np.arange(8) == 2, np.inf, test_course.std)
+    points = trend_figure([replace(test_course, std=std)], START).data[1]
     assert len(points["x"]) == 7
-    nothing = replace(one, std=np.full(8, np.inf), change_line=None, marks=())
+    nothing = replace(test_course, std=np.full(8, np.inf), change_line=None, marks=())
     assert len(trend_figure([nothing], START).data[0]["x"]) == 0
     assert robots_figure([nothing], START).layout["yaxis"].get("range") is None
 
 
 @pytest.mark.parametrize(("draw", "most"), [(trend_figure, MAX_POINTS), (robots_figure, MAX_SMALL_POINTS)])
 def test_of_many_logs_some_are_drawn(draw, most):
-    one = course(5000)
-    points = draw([one], START).data[1]
+    test_course = course(5000)
+    points = draw([test_course], START).data[1]
     assert len(points["x"]) == most
-    assert points["y"][[0, -1]] == pytest.approx(one.value[[0, -1]], rel=1e-6)
+    assert points["y"][[0, -1]] == pytest.approx(test_course.value[[0, -1]], rel=1e-6)
     assert points["text"][0].startswith("0&lt;b&gt;")
 
 
 def test_an_interval_that_is_far_wider_leaves_the_panel():
-    one = course()
+    test_course = course()
     wild = replace(
-        one, value=np.where(np.arange(8) == 2, 1e3, one.value), std=np.where(np.arange(8) == 2, 1e3, one.std)
+        test_course,
+        value=np.where(np.arange(8) == 2, 1e3, test_course.value),
+        std=np.where(np.arange(8) == 2, 1e3, test_course.std),
     )
     low, high = trend_figure([wild], START).layout["yaxis"]["range"]
     assert -1 < low < high < 4
@@ -111,18 +113,18 @@ FRICTION, PAYLOADS, OFFSET = groups()[0], groups()[2], groups()[4]
 @pytest.fixture
 def stepped():
     """A robot without noise whose payload changes at its log 8, and whose friction drifts from its log 5."""
-    one = history("arm", 12, noise=0.0)
-    load = change(one, PAYLOADS, ChangeShape.STEP, 8, [0.4, 0.02, -0.1])
-    wear = change(one, FRICTION, ChangeShape.DRIFT, 5, [0.0, 2.0])
-    part = np.clip((one.days - one.days[5]) / (one.days[-1] - one.days[5]), 0, 1)
-    value = one.value + (np.arange(12) >= 8)[:, None] * (PAYLOAD @ load.size)
+    test_history = history("arm", 12, noise=0.0)
+    load = change(test_history, PAYLOADS, ChangeShape.STEP, 8, [0.4, 0.02, -0.1])
+    wear = change(test_history, FRICTION, ChangeShape.DRIFT, 5, [0.0, 2.0])
+    part = np.clip((test_history.days - test_history.days[5]) / (test_history.days[-1] - test_history.days[5]), 0, 1)
+    value = test_history.value + (np.arange(12) >= 8)[:, None] * (PAYLOAD @ load.size)
     value[:, 1] += 2.0 * part
-    return replace(one, value=value), (load, wear), part
+    return replace(test_history, value=value), (load, wear), part
 
 
 def test_courses_show_what_is_true(stepped):
-    one, changes, part = stepped
-    courses = RobotTrends(one, changes, None)
+    case, changes, part = stepped
+    courses = RobotTrends(case, changes, None)
     coulomb = courses.group_trends(FRICTION)[1]
     np.testing.assert_allclose(coulomb.value, MEAN[1] + 2.0 * part, rtol=1e-10)
     np.testing.assert_allclose(coulomb.std, STD[1])
@@ -135,59 +137,63 @@ def test_courses_show_what_is_true(stepped):
 
 
 def test_the_line_is_that_of_the_change_and_steps_at_once(stepped):
-    one, changes, _ = stepped
-    courses = RobotTrends(one, changes, None)
+    case, changes, _ = stepped
+    courses = RobotTrends(case, changes, None)
     days, values = courses.group_trends(PAYLOADS)[0].change_line
     assert days.tolist() == sorted(days.tolist())
-    at = np.flatnonzero(days == one.days[8])
+    at = np.flatnonzero(days == case.days[8])
     np.testing.assert_allclose(values[at], [0.0, 0.4])
     days, values = courses.group_trends(FRICTION)[1].change_line
-    np.testing.assert_allclose(np.interp([one.days[5], one.days[-1]], days, values), MEAN[1] + np.array([0.0, 2.0]))
+    np.testing.assert_allclose(np.interp([case.days[5], case.days[-1]], days, values), MEAN[1] + np.array([0.0, 2.0]))
     mark = courses.group_trends(PAYLOADS)[0].marks[0]
-    assert (mark.day, mark.word, mark.between) == (one.days[8], "step", (one.days[7], one.days[8]))
+    assert (mark.day, mark.word, mark.between) == (case.days[8], "step", (case.days[7], case.days[8]))
 
 
 def test_intervals_count_the_scatter_and_what_a_log_does_not_show_has_none():
-    one = history("arm", 6)
-    information = one.information.copy()
+    test_history = history("arm", 6)
+    information = test_history.information.copy()
     information[2, 5] = information[2, :, 5] = 0.0
     covariance = np.diag((3 * STD) ** 2)
     scatter = Scatter(tuple(np.arange(SIZE)[:, None]), covariance, 4.0, 50.0)
-    std = RobotTrends(replace(one, information=information), (), scatter).group_trends(OFFSET)[0].std
+    std = RobotTrends(replace(test_history, information=information), (), scatter).group_trends(OFFSET)[0].std
     np.testing.assert_allclose(std, np.where(np.arange(6) == 2, np.inf, np.sqrt(4.0 + 9.0) * STD[5]), rtol=1e-8)
 
 
 def test_units_do_not_matter():
     """Parameters in other units give the same courses, in these units."""
-    one = history("arm", 6)
+    test_history = history("arm", 6)
     scale = 10.0 ** np.arange(-4, SIZE - 4)
-    other = replace(one, value=one.value * scale, information=one.information / np.outer(scale, scale))
+    other = replace(
+        test_history, value=test_history.value * scale, information=test_history.information / np.outer(scale, scale)
+    )
     group = replace(FRICTION, directions=scale[:, None] * FRICTION.directions)
     for a, b in zip(
-        RobotTrends(one, (), None).group_trends(FRICTION), RobotTrends(other, (), None).group_trends(group), strict=True
+        RobotTrends(test_history, (), None).group_trends(FRICTION),
+        RobotTrends(other, (), None).group_trends(group),
+        strict=True,
     ):
         np.testing.assert_allclose(a.std, b.std)
         np.testing.assert_allclose(a.value, b.value)
 
 
 def test_a_residual_is_drawn_as_a_torque():
-    one, group = history("arm", 6), residual_groups((Joint("a"), Joint("b")))[1]
+    test_history, group = history("arm", 6), residual_groups((Joint("a"), Joint("b")))[1]
     value = np.log(np.array([[1.0, 2.0]])) + np.linspace(0, 0.3, 6)[:, None]
-    left = History(one.robot, one.logs, one.days, value, np.tile(100 * np.eye(2), (6, 1, 1)))
+    left = History(test_history.robot, test_history.logs, test_history.days, value, np.tile(100 * np.eye(2), (6, 1, 1)))
     step = change(left, group, ChangeShape.STEP, 3, [0.2])
-    courses = RobotTrends(one, (), None, RobotTrends(left, (step,), None))
+    courses = RobotTrends(test_history, (), None, RobotTrends(left, (step,), None))
     assert courses.all_changes == [step]
     (drawn,) = courses.group_trends(group)
     np.testing.assert_allclose(drawn.value, np.exp(value[:, 1]))
     np.testing.assert_allclose(drawn.std, 0.1 * drawn.value)
-    assert (drawn.unit, drawn.marks[0].day) == ("N m", one.days[3])
+    assert (drawn.unit, drawn.marks[0].day) == ("N m", test_history.days[3])
     assert drawn.change_line is not None
     np.testing.assert_allclose(drawn.change_line[1][-1] / drawn.change_line[1][0], np.exp(0.2))
-    np.testing.assert_allclose(courses.group_trends(OFFSET)[0].value, one.value[:, 5])
+    np.testing.assert_allclose(courses.group_trends(OFFSET)[0].value, test_history.value[:, 5])
 
 
 @pytest.fixture(scope="module")
-def found():
+def fleet_result():
     return fleet()
 
 
@@ -197,26 +203,28 @@ def own(page):
 
 
 def test_words_follow_what_is_certain():
-    one, ripple, before = history("arm-0"), replace(FRICTION, kind=GroupKind.RIPPLE), np.array([-2.0, 3.0])
+    test_history, ripple, before = history("arm-0"), replace(FRICTION, kind=GroupKind.RIPPLE), np.array([-2.0, 3.0])
     sizes = [0.0, 1.0], [-1.0, 0.0], [-1.0, 1.0], [1.0, 1.0], [0.01, 0.02]  # where none is certain, the clearest
-    changes = [(change(one, FRICTION, shape, 8, size), before) for shape in ChangeShape for size in sizes]
-    hidden = change(one, FRICTION, ChangeShape.STEP, 8, [9.0, 1.0], std=np.array([np.inf, 0.1]))
+    changes = [(change(test_history, FRICTION, shape, 8, size), before) for shape in ChangeShape for size in sizes]
+    hidden = change(test_history, FRICTION, ChangeShape.STEP, 8, [9.0, 1.0], std=np.array([np.inf, 0.1]))
     for size in ([-3.0, 4.0], [3.0, -2.0], [3.0, 4.0], [0.0, 0.0]):  # a ripple rises by its size, whatever its phase
-        changes += [(change(one, ripple, ChangeShape.DRIFT, 8, size), x) for x in (before, np.full(2, np.nan))]
+        changes += [(change(test_history, ripple, ChangeShape.DRIFT, 8, size), x) for x in (before, np.full(2, np.nan))]
     lines = (change_words(x, START, zero) for x, zero in (*changes, (hidden, before)))
     check_kept("fleet_words", "\n".join(lines))
 
 
-def test_torque_that_the_model_leaves_is_worded_with_what_to_do_and_drawn(found):
+def test_torque_that_the_model_leaves_is_worded_with_what_to_do_and_drawn(fleet_result):
     """Of a joint of a robot whose payload changed, too; as a torque, with a rise of its logarithm in percent."""
     left = [
-        History(one.robot, one.logs, one.days, np.full((20, 2), np.log(0.5)), np.tile(400 * np.eye(2), (20, 1, 1)))
-        for one in found.histories
+        History(x.robot, x.logs, x.days, np.full((20, 2), np.log(0.5)), np.tile(400 * np.eye(2), (20, 1, 1)))
+        for x in fleet_result.histories
     ]
-    group = residual_groups(found.base.joints)[1]
+    group = residual_groups(fleet_result.base.joints)[1]
     rise = change(left[0], group, ChangeShape.STEP, 8, [np.log(1.5)], std=np.array([0.02]), p_value=0.0005)
-    changes = replace(found.changes[0], changes=(*found.changes[0].changes, rise), residual_scatter=RESIDUAL)
-    made = replace(found, residuals=tuple(left), changes=(changes,))
+    changes = replace(
+        fleet_result.changes[0], changes=(*fleet_result.changes[0].changes, rise), residual_scatter=RESIDUAL
+    )
+    made = replace(fleet_result, residuals=tuple(left), changes=(changes,))
     assert "residual by +50.0 +- 3.0 %. No term of the recipe describes this" in fleet_findings(made)[0]
     fell = replace(changes, changes=(replace(rise, size=-rise.size),))
     assert fleet_findings(replace(made, changes=(fell,)))[0].endswith(": residual by -33.3 +- 1.3 %.")
@@ -245,25 +253,26 @@ def test_a_quiet_fleet():
     assert "too few logs to say" in fleet_page(unknown)
 
 
-def test_a_fleet_without_any_result_has_a_page(found):
-    rows = found.rows.with_columns(
+def test_a_fleet_without_any_result_has_a_page(fleet_result):
+    schema = fleet_result.rows.schema
+    rows = fleet_result.rows.with_columns(
         *(
             pl.lit(text).alias(name)
             for name, text in (("status", Status.FAILED.value), ("reason", "no column 'q1'"), ("folder", ""))
         ),
-        *(pl.lit(None).cast(found.rows.schema[name]).alias(name) for name in ("error", "errors", "verdict", "date")),
+        *(pl.lit(None).cast(schema[name]).alias(name) for name in ("error", "errors", "verdict", "date")),
     )  # fmt: skip
-    page = own(fleet_page(replace(found, rows=rows, histories=(), changes=(), pooled={}, start=None)))
+    page = own(fleet_page(replace(fleet_result, rows=rows, histories=(), changes=(), pooled={}, start=None)))
     assert "201 of 201 logs have no result" in page
     assert 'class="plot"' not in page
 
 
-def test_types_are_drawn_apart(found):
-    names = found.types["ur10"]
-    page = own(fleet_page(replace(found, types={"ur10": names[:6], "ur5": names[6:], "none": ("gone",)})))
+def test_types_are_drawn_apart(fleet_result):
+    names = fleet_result.types["ur10"]
+    page = own(fleet_page(replace(fleet_result, types={"ur10": names[:6], "ur5": names[6:], "none": ("gone",)})))
     assert re.findall(r'<div class="choices" role="group" aria-label="(.*?)"', page) == ["type", "group"]
     assert re.findall(r"<button.*?>(ur.*?)</button>", page) == ["ur10", "ur5"]
-    assert page.count('<div class="view"') == 2 * len(found.groups)
+    assert page.count('<div class="view"') == 2 * len(fleet_result.groups)
 
 
 @pytest.mark.parametrize(("robots", "logs"), [(10, 260), (500, 6)])
@@ -286,8 +295,8 @@ def test_types_share_the_room_for_robots_side_by_side():
 
 def test_many_changes_are_counted_and_few_are_drawn():
     made = fleet(60, 8)
-    some = [change(one, FRICTION, ChangeShape.STEP, 4, [1.0, 0.0]) for one in made.histories]
-    made = replace(made, changes=(Changes(0.01, tuple(some), {one.robot: 0.0 for one in some}, (), NONE),))
+    some = [change(x, FRICTION, ChangeShape.STEP, 4, [1.0, 0.0]) for x in made.histories]
+    made = replace(made, changes=(Changes(0.01, tuple(some), {x.robot: 0.0 for x in some}, (), NONE),))
     assert "The table of the report has 54 more changes." in fleet_findings(made)
     page = own(fleet_page(made))
     assert "The changes of 20 more robots are in the table above only." in page

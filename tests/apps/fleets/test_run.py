@@ -57,36 +57,36 @@ def table(out: Path) -> pl.DataFrame:
 
 
 def test_base_parameters_are_near_the_truth_for_their_information(made: Path, planned: list[str]) -> None:
-    found = dy.fleet(made / "fleet.yaml", made / "out")
+    test_fleet = dy.fleet(made / "fleet.yaml", made / "out")
     assert planned == []
-    assert found.rows["log"].to_list() == LOGS
-    assert found.rows["status"].to_list() == ["ok"] * 3
-    assert [one.robot for one in found.histories] == ["arm-1", "arm-2"]
-    model, history = arm(made), found.histories[0]
+    assert test_fleet.rows["log"].to_list() == LOGS
+    assert test_fleet.rows["status"].to_list() == ["ok"] * 3
+    assert [history.robot for history in test_fleet.histories] == ["arm-1", "arm-2"]
+    model, history = arm(made), test_fleet.histories[0]
     error = history.value - structural_base_parameters(model).to_base(truth(model))
     assert history.days.tolist() == [0.0, 1.0]
-    distance = np.einsum("ki,kij,kj->k", error, history.information, error) / len(found.base.names)
+    distance = np.einsum("ki,kij,kj->k", error, history.information, error) / len(test_fleet.base.names)
     assert (distance < 3.0).all()  # of chi-squared with 10 degrees of freedom, over these
     rows = table(made / "out").drop("stamp", "recipe", strict=False).rows(named=True)
     check_kept("fleet_table", "\n".join(line for row in rows for line in facts({**row}, row["log"])))
 
 
-def identified_again(found: FleetResult, made: Path) -> set[str]:
+def identified_again(result: FleetResult, made: Path) -> set[str]:
     """The logs whose time differs from that of the first run."""
     before = pl.read_parquet(made / "out" / "fleet.parquet")["seconds"].to_list()
-    return set(found.rows.filter(~pl.col("seconds").is_in(before))["log"])
+    return set(result.rows.filter(~pl.col("seconds").is_in(before))["log"])
 
 
 def test_new_and_changed_logs_are_identified_no_others_and_one_that_is_gone_stays(fleet: Path, made: Path) -> None:
     write_log(fleet.parent, "arm-1", "2026-01-01", 77)
     write_log(fleet.parent, "arm-3", "2025-12-31", 6)
     (fleet.parent / LOGS[2]).unlink()
-    found = dy.fleet(fleet, fleet.parent / "out")
-    assert identified_again(found, made) == {LOGS[0], "logs/arm-3/2025-12-31.csv"}
-    assert found.identified_count == 2
-    assert [len(one.logs) for one in found.histories] == [2, 1, 1]
-    assert found.histories[0].days.tolist() == [1.0, 2.0]  # since the first log of all
-    assert found.warnings == (f"logs that are gone: {LOGS[2]}; what was found of them stays.",)
+    test_fleet = dy.fleet(fleet, fleet.parent / "out")
+    assert identified_again(test_fleet, made) == {LOGS[0], "logs/arm-3/2025-12-31.csv"}
+    assert test_fleet.identified_count == 2
+    assert [len(history.logs) for history in test_fleet.histories] == [2, 1, 1]
+    assert test_fleet.histories[0].days.tolist() == [1.0, 2.0]  # since the first log of all
+    assert test_fleet.warnings == (f"logs that are gone: {LOGS[2]}; what was found of them stays.",)
 
 
 def test_rerun_identifies_all_again(fleet: Path, planned: list[str]) -> None:
@@ -99,13 +99,13 @@ def test_logs_that_fail_are_rows_and_the_rest_goes_on(fleet: Path) -> None:
     (folder / "2026-01-03.csv").write_text("t,q1,q2\n0,1,2\n")
     (folder / "2026-01-04.csv").write_bytes(os.urandom(1000))
     shutil.copy(folder / "2026-01-01.csv", folder / "monday.csv")
-    found = dy.fleet(fleet, fleet.parent / "out")
-    rows = {row["log"].rpartition("/")[2]: row for row in found.rows.to_dicts() if row["robot"] == "arm-1"}
+    test_fleet = dy.fleet(fleet, fleet.parent / "out")
+    rows = {row["log"].rpartition("/")[2]: row for row in test_fleet.rows.to_dicts() if row["robot"] == "arm-1"}
     assert [rows[name]["status"] for name in ("2026-01-03.csv", "2026-01-04.csv", "monday.csv")] == [Status.FAILED] * 3
     assert "'tau1'" in rows["2026-01-03.csv"]["reason"]
     assert "2026-01-04.csv" in rows["2026-01-04.csv"]["reason"]
     assert "the date 'monday' of logs/arm-1/monday.csv cannot be read" in rows["monday.csv"]["reason"]
-    assert (rows["2026-01-02.csv"]["status"], len(found.histories[0].logs)) == (Status.OK, 2)
+    assert (rows["2026-01-02.csv"]["status"], len(test_fleet.histories[0].logs)) == (Status.OK, 2)
     assert dy.fleet(fleet, fleet.parent / "out").identified_count == 3  # what failed is tried again
 
 
@@ -147,7 +147,7 @@ def test_a_recipe_of_somebody_else_in_the_folder_stays(fleet: Path) -> None:
     with pytest.raises(ConfigError, match=r"recipe.yaml: was written or changed by hand"):
         dy.fleet(fleet, own.parent)
     assert own.read_text() == "mine"
-    assert {one.name for one in own.parent.iterdir()} == {"recipe.yaml"}
+    assert {path.name for path in own.parent.iterdir()} == {"recipe.yaml"}
 
 
 def test_logs_that_are_not_what_they_are_taken_for_are_said(fleet: Path) -> None:
@@ -158,9 +158,9 @@ def test_logs_that_are_not_what_they_are_taken_for_are_said(fleet: Path) -> None
 
 def test_a_fleet_that_stops_goes_on_where_it_stopped(made: Path, tmp_path: Path, monkeypatch: Any) -> None:
     def stopped(*given: object, **how: object) -> Iterator[Result]:
-        found = run_jobs(*given, **how)  # type: ignore[arg-type]
-        yield next(found)
-        yield next(found)
+        result = run_jobs(*given, **how)  # type: ignore[arg-type]
+        yield next(result)
+        yield next(result)
         raise InputError("a worker has died.")
 
     monkeypatch.setattr(row_store, "run_jobs", stopped)
@@ -175,11 +175,11 @@ def test_a_fleet_that_stops_goes_on_where_it_stopped(made: Path, tmp_path: Path,
 def test_gains_and_models_may_differ_by_robot(fleet: Path, made: Path) -> None:
     changes = "robots: { arm-2: { type: old, torque: { elbow: { offset: 2 } }, model: { base_tilt: [0.001, 0] } } }\n"
     fleet.write_text(FLEET + changes)
-    found = dy.fleet(fleet, fleet.parent / "out")
-    assert identified_again(found, made) == {LOGS[2]}
-    assert found.types == {"robot": ("arm-1",), "old": ("arm-2",)}
-    offset = found.base.names.index("offset_elbow")
-    assert [one.value[0, offset] for one in found.histories] == pytest.approx([0.1, 2.1], abs=0.05)
+    test_fleet = dy.fleet(fleet, fleet.parent / "out")
+    assert identified_again(test_fleet, made) == {LOGS[2]}
+    assert test_fleet.types == {"robot": ("arm-1",), "old": ("arm-2",)}
+    offset = test_fleet.base.names.index("offset_elbow")
+    assert [history.value[0, offset] for history in test_fleet.histories] == pytest.approx([0.1, 2.1], abs=0.05)
 
 
 def test_robots_with_other_parameters_cannot_be_compared(fleet: Path) -> None:
@@ -187,10 +187,10 @@ def test_robots_with_other_parameters_cannot_be_compared(fleet: Path) -> None:
     robot = fleet.with_name("arm.urdf").read_text()
     fleet.with_name("turned.urdf").write_text(robot.replace(end, end.replace("0 1 0", "1 0 0")))
     fleet.write_text(FLEET + "robots: { arm-2: { model: turned.urdf } }\n")
-    found = dy.fleet(fleet, fleet.parent / "out")
-    (reason,) = found.rows.filter(pl.col("robot") == "arm-2")["reason"]
+    test_fleet = dy.fleet(fleet, fleet.parent / "out")
+    (reason,) = test_fleet.rows.filter(pl.col("robot") == "arm-2")["reason"]
     assert reason.startswith("robot arm-2: its model has not the base parameters of the recipe: ")
-    assert len(found.histories) == 1
+    assert len(test_fleet.histories) == 1
 
 
 def test_runs_have_reports_in_folders_of_their_own(made: Path, tmp_path: Path) -> None:
@@ -218,8 +218,8 @@ def test_runs_have_reports_in_folders_of_their_own(made: Path, tmp_path: Path) -
 def test_without_a_folder_nothing_is_written(made: Path, tmp_path: Path, planned: list[str]) -> None:
     shutil.copytree(made, tmp_path / "fleet", ignore=shutil.ignore_patterns("out"))
     before = sorted((tmp_path / "fleet").rglob("*"))
-    found = dy.fleet(tmp_path / "fleet" / "fleet.yaml")
-    assert (found.identified_count, planned) == (3, LOGS)
+    test_fleet = dy.fleet(tmp_path / "fleet" / "fleet.yaml")
+    assert (test_fleet.identified_count, planned) == (3, LOGS)
     assert sorted((tmp_path / "fleet").rglob("*")) == before
 
 

@@ -50,9 +50,9 @@ def test_columns_are_matched_by_name_then_number_then_order(joints, columns, sta
 
 def test_torques_of_some_joints_are_those_of_the_positions_with_their_numbers() -> None:
     """As where a column is missing, or holds a text in some row."""
-    found = map_columns(table(**signals(torque=("tau2",))), ARM)
-    assert {name: channel.column for name, channel in found.torque.items()} == {"elbow": "tau2"}
-    assert found.position["elbow"].column == "q2"
+    mapping = map_columns(table(**signals(torque=("tau2",))), ARM)
+    assert {name: channel.column for name, channel in mapping.torque.items()} == {"elbow": "tau2"}
+    assert mapping.position["elbow"].column == "q2"
 
 
 def signals(position=("q1", "q2"), torque=("tau1", "tau2"), size=1.0, peak=20.0):
@@ -95,9 +95,9 @@ def test_measured_columns_are_preferred():
     names = ["pos_des", "pos_filt", "pos_meas", "pos_err"]
     columns = {f"{name}{k}": wave(1.0, k) for name in names for k in (1, 2)}
     torques = {f"{name}{k}": wave(9.0, k) for name in ("tau_cmd", "current", "tau", "tau_fric") for k in (1, 2)}
-    found = map_columns(table(**columns, **torques), NUMBERED)
-    assert chosen(found) == ["pos_meas1", "pos_meas2", "tau1", "tau2"]
-    assert "pos_des1" in found.unused
+    mapping = map_columns(table(**columns, **torques), NUMBERED)
+    assert chosen(mapping) == ["pos_meas1", "pos_meas2", "tau1", "tau2"]
+    assert "pos_des1" in mapping.unused
     assert chosen(map_columns(table(**signals(("q_d1", "q_d2"))), NUMBERED)) == [None, None, "tau1", "tau2"]
 
 
@@ -105,10 +105,10 @@ def test_each_joint_has_the_unit_of_its_own_column():
     scara = (*ARM, MovableJoint("quill", "prismatic", RobotJointLimits(effort=200.0, lower=0.0, upper=0.2)))
     names = ("shoulder pos [deg]", "elbow pos [deg]", "quill pos [mm]")
     torques = ("shoulder torque [Nm]", "elbow torque [Nm]", "quill force [kN]")
-    found = map_columns(table(**signals(names, torques)), scara)
-    assert [one.unit for one in found.position.values()] == ["deg", "deg", "mm"]
-    assert [one.unit for one in found.torque.values()] == ["N m", "N m", "kN"]
-    assert found.lock == {}
+    mapping = map_columns(table(**signals(names, torques)), scara)
+    assert [value.unit for value in mapping.position.values()] == ["deg", "deg", "mm"]
+    assert [value.unit for value in mapping.torque.values()] == ["N m", "N m", "kN"]
+    assert mapping.lock == {}
 
 
 def test_a_joint_without_position_is_not_in_the_log_and_its_torque_is_not_used() -> None:
@@ -129,9 +129,9 @@ def test_lengths_are_no_positions_of_turning_joints() -> None:
 
 def test_a_slide_beyond_its_limits_is_drafted_in_mm() -> None:
     scara = (*ARM, MovableJoint("quill", "prismatic", RobotJointLimits(lower=-0.1, upper=0.1)))
-    found = map_columns(table(**signals(("q1", "q2"), ("tau1", "tau2")), q3=wave(80.0), tau3=wave(20.0)), scara)
-    assert (found.position["quill"].column, found.position["quill"].unit) == ("q3", "mm")
-    assert found.position["quill"].question.endswith("is more than the joint can move in m: is it in mm?")
+    mapping = map_columns(table(**signals(("q1", "q2"), ("tau1", "tau2")), q3=wave(80.0), tau3=wave(20.0)), scara)
+    assert (mapping.position["quill"].column, mapping.position["quill"].unit) == ("q3", "mm")
+    assert mapping.position["quill"].question.endswith("is more than the joint can move in m: is it in mm?")
 
 
 @pytest.mark.parametrize(
@@ -147,27 +147,27 @@ def test_a_slide_beyond_its_limits_is_drafted_in_mm() -> None:
     ],
 )
 def test_a_torque_in_another_unit_wants_a_gain(form: str, unit: str, gain: str) -> None:
-    found = map_columns(table(**signals(torque=[form.format(name) for name in ("1", "2")])), NUMBERED)
-    channels = found.torque.values()
+    mapping = map_columns(table(**signals(torque=[form.format(name) for name in ("1", "2")])), NUMBERED)
+    channels = mapping.torque.values()
     assert {(channel.unit, channel.question, channel.gain) for channel in channels} == {(unit, "", gain)}
-    assert ("judged" in found.reasons["torque"]) == form.startswith("tau[")
+    assert ("judged" in mapping.reasons["torque"]) == form.startswith("tau[")
 
 
 def test_units_follow_from_names():
     columns = {"pos1_deg": wave(1.0), "pos2_deg": wave(1.0), "tau1 [mNm]": wave(900.0), "tau2 [mNm]": wave(900.0)}
-    found = map_columns(table(time=None, t_us=T * 1e6, **columns), NUMBERED)
-    assert (found.time.column, found.time.unit) == ("t_us", "us")
-    assert {(one.unit, one.question) for one in found.position.values()} == {("deg", "")}
-    assert {(one.unit, one.question) for one in found.torque.values()} == {("mN m", "")}
+    mapping = map_columns(table(time=None, t_us=T * 1e6, **columns), NUMBERED)
+    assert (mapping.time.column, mapping.time.unit) == ("t_us", "us")
+    assert {(value.unit, value.question) for value in mapping.position.values()} == {("deg", "")}
+    assert {(value.unit, value.question) for value in mapping.torque.values()} == {("mN m", "")}
 
 
 def test_positions_beyond_two_pi_are_asked_about():
-    found = map_columns(table(**signals(size=90.0)), NUMBERED)
-    assert {one.unit for one in found.position.values()} == {"deg"}
-    assert all("is it in degrees" in one.question for one in found.position.values())
+    mapping = map_columns(table(**signals(size=90.0)), NUMBERED)
+    assert {value.unit for value in mapping.position.values()} == {"deg"}
+    assert all("is it in degrees" in value.question for value in mapping.position.values())
     turning = map_columns(table(**signals(size=90.0)), NUMBERED, ros=True)
-    assert {one.unit for one in turning.position.values()} == {"rad"}
-    assert all("exceeds the range of the joint" in one.question for one in turning.position.values())
+    assert {value.unit for value in turning.position.values()} == {"rad"}
+    assert all("exceeds the range of the joint" in value.question for value in turning.position.values())
     wheel = MovableJoint("wheel", "revolute", RobotJointLimits(effort=2.0))
     for size, words in ((9.0, "multi_turn"), (3.5, "multi_turn"), (3.0, "")):
         endless = map_columns(table(q=wave(size), tau=wave(1.0)), [wheel], ros=True).position["wheel"]
@@ -191,8 +191,8 @@ def test_torques_are_compared_with_the_limits():
 
 
 def test_currents_want_a_gain():
-    found = map_columns(table(**signals(torque=("i_mA_1", "i_mA_2"))), NUMBERED)
-    assert {one.gain for one in found.torque.values()} == {"torque constant times gear ratio, N m per mA"}
+    mapping = map_columns(table(**signals(torque=("i_mA_1", "i_mA_2"))), NUMBERED)
+    assert {value.gain for value in mapping.torque.values()} == {"torque constant times gear ratio, N m per mA"}
 
 
 @pytest.mark.parametrize(
@@ -200,30 +200,30 @@ def test_currents_want_a_gain():
     [(1.0, "s", False), (1e3, "ms", True), (1e6, "us", True), (1e9, "ns", True), (100.0, "ms", True)],
 )
 def test_the_unit_of_time_follows_from_the_step(factor, unit, asked):
-    found = map_columns(table(time=np.round(T * factor, 6), **signals()), NUMBERED)
-    assert (found.time.unit, bool(found.time.question)) == (unit, asked)
+    mapping = map_columns(table(time=np.round(T * factor, 6), **signals()), NUMBERED)
+    assert (mapping.time.unit, bool(mapping.time.question)) == (unit, asked)
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1.0, "s"), (1e3, "ms"), (1e6, "us"), (1e9, "ns")])
 @pytest.mark.parametrize("step", [1 / 8000, 0.01])
 def test_stamps_since_1970_tell_their_unit(factor, unit, step):
     stamps = (1.731e9 + step * np.arange(N)) * factor
-    found = map_columns(table(time=None, stamp=stamps, **signals()), NUMBERED).time
-    assert (found.column, found.unit, found.question) == ("stamp", unit, "")
-    assert found.step == pytest.approx(step, rel=0.01)
+    time = map_columns(table(time=None, stamp=stamps, **signals()), NUMBERED).time
+    assert (time.column, time.unit, time.question) == ("stamp", unit, "")
+    assert time.step == pytest.approx(step, rel=0.01)
 
 
 def test_positions_of_motors_are_asked_about():
     geared = map_columns(table(**signals(("pos_rev_1", "pos_rev_2"), size=16.0)), NUMBERED)
     assert "transmission" in geared.position["arm_joint1"].question
     other_zero = {f"pos_rad_{k}": 5.0 + wave(1.0) for k in (1, 2)}
-    found = map_columns(table(**signals((), ("tau1", "tau2")), **other_zero), NUMBERED)
-    assert found.position["arm_joint1"].question == ""
+    mapping = map_columns(table(**signals((), ("tau1", "tau2")), **other_zero), NUMBERED)
+    assert mapping.position["arm_joint1"].question == ""
 
 
 def test_stamps_that_increase_are_preferred():
-    found = map_columns(table(**{"header.stamp.sec": np.floor(T), "clock": T + 5}, time=None, **signals()), NUMBERED)
-    assert found.time.column == "clock"
+    mapping = map_columns(table(**{"header.stamp.sec": np.floor(T), "clock": T + 5}, time=None, **signals()), NUMBERED)
+    assert mapping.time.column == "clock"
     assert map_columns(table(time=None, **signals()), NUMBERED).time.column is None
     for times in (np.floor(T), np.full(len(T), np.inf), np.where(T > 1, np.nan, T)):
         assert "is there a better column?" in map_columns(table(time=times, **signals()), NUMBERED).time.question
@@ -246,13 +246,13 @@ def test_joints_that_are_not_identified_are_locked():
     tied = MovableJoint("finger_2", "prismatic", RobotJointLimits(), "finger")
     coupler = MovableJoint("coupler", "revolute", LIMITS, "elbow")
     below, free = (MovableJoint(name, "prismatic", RobotJointLimits(upper=x)) for name, x in (("a", -0.1), ("b", None)))
-    found = map_columns(table(**NAMED), (*ARM, FINGER, tied, coupler, below, free))
-    assert list(found.position) == ["shoulder", "elbow"]
-    assert {name: value for name, (value, _) in found.lock.items()} == {
+    mapping = map_columns(table(**NAMED), (*ARM, FINGER, tied, coupler, below, free))
+    assert list(mapping.position) == ["shoulder", "elbow"]
+    assert {name: value for name, (value, _) in mapping.lock.items()} == {
         "finger": 0.01, "coupler": 0.0, "a": -0.1, "b": 0.0,
     }  # fmt: skip
-    assert "not in the log" in found.lock["finger"][1]
-    assert "follows 'elbow'" in found.lock["coupler"][1]
+    assert "not in the log" in mapping.lock["finger"][1]
+    assert "follows 'elbow'" in mapping.lock["coupler"][1]
     recorded = map_columns(table(**NAMED, finger_q=np.full(N, 0.02)), (*ARM, FINGER, tied))
     assert recorded.lock == {"finger": (0.02, "")}
     moving = map_columns(table(**NAMED, finger_q=0.02 + wave(0.01)), (*ARM, FINGER, tied))
@@ -262,9 +262,9 @@ def test_joints_that_are_not_identified_are_locked():
 def test_recorded_joints_that_do_not_move_in_any_log_are_locked():
     first, later = (table(**NAMED, finger_q=np.full(N, x), finger_tau=wave(1.0)) for x in (0.02, 0.035))
     joints = (*ARM, FINGER)
-    for found in (map_columns(first, joints), map_columns(first, joints, other_tables=[first])):
-        assert list(found.position) == list(found.torque) == ["shoulder", "elbow"]
-        assert (found.lock, found.still_joints) == ({"finger": (0.02, "")}, ("finger",))
+    for result in (map_columns(first, joints), map_columns(first, joints, other_tables=[first])):
+        assert list(result.position) == list(result.torque) == ["shoulder", "elbow"]
+        assert (result.lock, result.still_joints) == ({"finger": (0.02, "")}, ("finger",))
     opened = map_columns(first, joints, other_tables=[later])  # at rest, but elsewhere
     assert (opened.lock, opened.still_joints) == ({}, ())
     assert list(opened.position) == ["shoulder", "elbow", "finger"]
@@ -277,18 +277,18 @@ def test_recorded_joints_that_do_not_move_in_any_log_are_locked():
 def test_a_joint_that_its_controller_holds_is_locked():
     wrist = MovableJoint("wrist", "revolute", RobotJointLimits(lower=-2, upper=2))
     for size, still in ((2e-3, ("wrist",)), (0.05, ())):
-        found = map_columns(table(**NAMED, wrist_tau=wave(1.0), wrist_q=0.7 + wave(size)), (*ARM, wrist))
-        assert found.still_joints == still
-        assert ("wrist" in found.position) == (not still)
+        mapping = map_columns(table(**NAMED, wrist_tau=wave(1.0), wrist_q=0.7 + wave(size)), (*ARM, wrist))
+        assert mapping.still_joints == still
+        assert ("wrist" in mapping.position) == (not still)
 
 
 def test_joints_that_columns_of_text_name_are_not_matched_by_order():
     columns = signals(("field.position0", "field.position1"), ("field.effort0", "field.effort1"))
     named = replace(table(**columns), texts={"field.name0": "elbow", "field.name1": "shoulder", "field.frame": "base"})
-    found = map_columns(named, ARM)
-    assert list(found.position) == ["shoulder", "elbow"]
-    assert chosen(found) == ["field.position1", "field.position0", "field.effort1", "field.effort0"]
-    assert not any(one.question for one in found.position.values())
+    mapping = map_columns(named, ARM)
+    assert list(mapping.position) == ["shoulder", "elbow"]
+    assert chosen(mapping) == ["field.position1", "field.position0", "field.effort1", "field.effort0"]
+    assert not any(value.question for value in mapping.position.values())
     twice = replace(named, texts={"field.name0": "elbow", "field.name1": "elbow"})
     assert "is this order right" in map_columns(twice, ARM).position["elbow"].question
 
@@ -306,9 +306,9 @@ def test_an_angle_that_starts_anew_is_seen(name, size, turn):
     names = tuple(name.format(joint) for joint in ("shoulder", "elbow"))
     columns = signals(names, ("shoulder_tau", "elbow_tau"))
     columns[names[0]] = np.mod(wave(0.2 * size), size)
-    found = map_columns(table(**columns), ARM).position
-    assert found["shoulder"].wraps == pytest.approx(turn)
-    assert (found["shoulder"].question, found["elbow"].wraps) == ("", None)
+    position = map_columns(table(**columns), ARM).position
+    assert position["shoulder"].wraps == pytest.approx(turn)
+    assert (position["shoulder"].question, position["elbow"].wraps) == ("", None)
     columns[names[0]] = np.mod(wave(0.2 * size), 0.7 * size)  # a jump that is no turn
     assert map_columns(table(**columns), ARM).position["shoulder"].wraps is None
 
@@ -316,17 +316,17 @@ def test_an_angle_that_starts_anew_is_seen(name, size, turn):
 def test_states_of_robot_learning_are_positions():
     sizes = {"observation.state": 1.0, "observation.effort": 9.0, "action": 1.1}
     state = {f"{name}[{k}]": wave(size, k) for name, size in sizes.items() for k in (0, 1)}
-    found = map_columns(DataTable({"timestamp": T.copy(), **state}, {}, "a.parquet"), NUMBERED)
-    assert chosen(found) == [f"observation.{name}[{k}]" for name in ("state", "effort") for k in (0, 1)]
+    mapping = map_columns(DataTable({"timestamp": T.copy(), **state}, {}, "a.parquet"), NUMBERED)
+    assert chosen(mapping) == [f"observation.{name}[{k}]" for name in ("state", "effort") for k in (0, 1)]
 
 
 def test_channels_of_one_mapping_are_equally_long():
     short = {f"q{k}": wave(1.0, k)[:50] for k in (1, 2)}
     measured = {f"q_meas{k}": wave(1.0, k) for k in (1, 2)}
-    found = map_columns(table(**short, **measured, tau1=wave(9.0), tau2=wave(9.0)), NUMBERED)
-    assert chosen(found) == ["q_meas1", "q_meas2", "tau1", "tau2"]
-    found = map_columns(table(**short, current1=wave(9.0), current2=wave(9.0)), NUMBERED)
-    assert chosen(found) == ["q1", "q2", None, None]
+    mapping = map_columns(table(**short, **measured, tau1=wave(9.0), tau2=wave(9.0)), NUMBERED)
+    assert chosen(mapping) == ["q_meas1", "q_meas2", "tau1", "tau2"]
+    mapping = map_columns(table(**short, current1=wave(9.0), current2=wave(9.0)), NUMBERED)
+    assert chosen(mapping) == ["q1", "q2", None, None]
 
 
 def test_gaps_are_seen():
@@ -346,17 +346,17 @@ COLUMNS = ["t", "q1", "q2", "tau1", "tau2", "q_d1", "i1", "elbow.position", "0",
 )
 def test_anything_gives_a_mapping(names, rows, value, joints):
     columns = {name: np.full(rows + (name == "x"), value) for name in names}
-    found = map_columns(DataTable(columns, {}, "a.csv"), joints)
-    assert set(found.position) == set(found.torque) <= {joint.name for joint in joints}
-    assert math.isfinite(sum(position for position, _ in found.lock.values()))
-    assert set(chosen(found)) <= {None, *names}
+    mapping = map_columns(DataTable(columns, {}, "a.csv"), joints)
+    assert set(mapping.position) == set(mapping.torque) <= {joint.name for joint in joints}
+    assert math.isfinite(sum(position for position, _ in mapping.lock.values()))
+    assert set(chosen(mapping)) <= {None, *names}
 
 
 def test_a_clock_of_any_name_is_found_where_it_is_the_only_one():
-    found = map_columns(table(time=None, **{"Uhr [ms]": 1000 * T}, **signals()), NUMBERED).time
-    assert (found.column, found.unit) == ("Uhr [ms]", "ms")
-    assert "is it the time?" in found.question
+    time = map_columns(table(time=None, **{"Uhr [ms]": 1000 * T}, **signals()), NUMBERED).time
+    assert (time.column, time.unit) == ("Uhr [ms]", "ms")
+    assert "is it the time?" in time.question
     assert map_columns(table(time=None, Uhr=T, ticks=T + 1, **signals()), NUMBERED).time.column is None
     dates = DataTable({"Datum": T + 43200, **signals()}, {}, "a.csv", units={"Datum": "s"})
-    found = map_columns(dates, NUMBERED).time
-    assert (found.column, found.unit, found.question) == ("Datum", "s", "")
+    time = map_columns(dates, NUMBERED).time
+    assert (time.column, time.unit, time.question) == ("Datum", "s", "")

@@ -234,7 +234,9 @@ def test_a_text_in_a_column_of_torques_is_said_though_another_joint_has_one(arm,
 
 
 def test_joints_of_other_models_are_known(tmp_path):
-    assert [(one.name, one.kind) for one in read_joints("gallery:slider")] == [("slider", "prismatic")]
+    assert [(read_joint.name, read_joint.kind) for read_joint in read_joints("gallery:slider")] == [
+        ("slider", "prismatic")
+    ]
 
 
 def test_a_bag_is_drafted_with_the_units_of_ros(arm, tmp_path):
@@ -267,13 +269,13 @@ def test_any_names_make_valid_yaml(names, joints, file):
     columns |= {f"{part}_{signal}": np.sin(t) for part in parts for signal in ("pos", "tau")}
     table = DataTable({name: values.copy() for name, values in columns.items()}, {}, "a.csv")
     source = LogSource({"": Path("logs") / f"x{file}"}, {}, table)
-    found = map_columns(table, facts)
-    text = draft_config("arm.urdf", facts, found, [source], Path()).text
+    mapping = map_columns(table, facts)
+    text = draft_config("arm.urdf", facts, mapping, [source], Path()).text
     data = yaml.safe_load(text)
-    assert data["model"]["joints"] == list(found.position)
+    assert data["model"]["joints"] == list(mapping.position)
     assert data["train"][0]["file"] == f"logs/x{file}"
-    given = {name: one.column for name, one in found.position.items() if one.column}
-    assert {name: one["column"] for name, one in (data["position"] or {}).items()} == given
+    given = {name: x.column for name, x in mapping.position.items() if x.column}
+    assert {name: x["column"] for name, x in (data["position"] or {}).items()} == given
 
 
 def test_a_finger_that_does_not_move_is_locked_where_it_stands(arm, tmp_path):
@@ -309,7 +311,7 @@ def record_currents(folder: Path, name: str, phase: float) -> Path:
     angle = w[None] * t[:, None, None] + phase + np.array([0.0, 1.0])
     q, dq, ddq = ((a * wave).sum(axis=1) for wave in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle)))
     model = read_robot(write_current_arm(folder), terms=["viscous", "coulomb"])
-    theta = np.array([one.value if one.value is not None else 1.2 for one in model.parameters])
+    theta = np.array([parameter.value if parameter.value is not None else 1.2 for parameter in model.parameters])
     rng = np.random.default_rng(int(10 * phase))
     tau = model.torque(q, dq, ddq, theta) + 0.1 * rng.standard_normal(q.shape)
     rows = np.column_stack([t, q + 1e-4 * rng.standard_normal(q.shape), tau / GAINS])

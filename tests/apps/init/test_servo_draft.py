@@ -25,9 +25,9 @@ def test_commands_are_found_by_name(commands: str, positions: tuple[str, str]) -
     names = [*positions, *commands.split(), "dq_cmd_pan", "dq_cmd_lift"]
     table = DataTable({name: np.arange(5.0) for name in names}, {}, "log")
     match = Match(ColumnFamily("position", 0, {}), dict(zip(("pan", "lift"), positions, strict=True)), "")
-    found = command_columns(table, JOINTS, match)
-    assert set(found.values()) == set(commands.split())
-    assert list(found) == (["lift", "pan"] if commands.startswith("goalLift") else ["pan", "lift"])
+    result = command_columns(table, JOINTS, match)
+    assert set(result.values()) == set(commands.split())
+    assert list(result) == (["lift", "pan"] if commands.startswith("goalLift") else ["pan", "lift"])
 
 
 def test_commands_of_some_joints_are_no_servo_log() -> None:

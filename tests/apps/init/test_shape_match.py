@@ -56,8 +56,8 @@ def places(kinds: tuple[str, ...], wanted: str) -> list[str]:
     return [str(1 + 6 * kinds.index(wanted) + j) for j in range(6)]
 
 
-def columns_of(found: ColumnMapping) -> list[str | None]:
-    return [one.column for one in (*found.position.values(), *found.torque.values())]
+def columns_of(mapping: ColumnMapping) -> list[str | None]:
+    return [x.column for x in (*mapping.position.values(), *mapping.torque.values())]
 
 
 ORDERS = [
@@ -70,12 +70,12 @@ ORDERS = [
 
 @pytest.mark.parametrize("kinds", ORDERS, ids="-".join)
 def test_blocks_are_found_in_any_order(kinds: tuple[str, ...]) -> None:
-    found = map_columns(table(*(BLOCKS[kind] for kind in kinds)), JOINTS)
-    assert (found.time.column, found.time.unit) == ("0", "s")
-    assert columns_of(found) == [*places(kinds, "q"), *places(kinds, "tau")]
-    assert all("is this order right?" in one.question for one in (*found.position.values(), *found.torque.values()))
+    mapping = map_columns(table(*(BLOCKS[kind] for kind in kinds)), JOINTS)
+    assert (mapping.time.column, mapping.time.unit) == ("0", "s")
+    assert columns_of(mapping) == [*places(kinds, "q"), *places(kinds, "tau")]
+    assert all("is this order right?" in x.question for x in (*mapping.position.values(), *mapping.torque.values()))
     if "ddq" not in kinds or "dq" in kinds:  # accelerations without velocities are asked about, too
-        assert all(("Why not" in one.question) == ("current" in kinds) for one in found.torque.values())
+        assert all(("Why not" in value.question) == ("current" in kinds) for value in mapping.torque.values())
 
 
 @pytest.mark.parametrize(
@@ -99,11 +99,11 @@ def test_blocks_stay_blocks_where_another_order_is_hardly_smoother() -> None:
 
 @pytest.mark.parametrize("names", [lambda k: f"c{k + 1}", lambda k: f"Spalte {k}"], ids=["c1", "Spalte"])
 def test_headers_that_say_nothing(names) -> None:
-    whole = table(BLOCKS["q"], BLOCKS["dq"], BLOCKS["tau"])
-    named = DataTable({names(int(key)): x.copy() for key, x in whole.columns.items()}, {}, "a.csv")
-    found = map_columns(named, JOINTS)
-    assert found.time.column == names(0)
-    assert columns_of(found) == [names(k) for k in (*range(1, 7), *range(13, 19))]
+    full = table(BLOCKS["q"], BLOCKS["dq"], BLOCKS["tau"])
+    named = DataTable({names(int(key)): x.copy() for key, x in full.columns.items()}, {}, "a.csv")
+    mapping = map_columns(named, JOINTS)
+    assert mapping.time.column == names(0)
+    assert columns_of(mapping) == [names(k) for k in (*range(1, 7), *range(13, 19))]
 
 
 @pytest.mark.parametrize("at", [0, 6, 12, 18], ids="a column more at {}".format)
@@ -111,21 +111,21 @@ def test_headers_that_say_nothing(names) -> None:
 def test_a_column_more_shifts_nothing(at: int, more: NDArray) -> None:
     columns = np.insert(np.column_stack([BLOCKS["q"], BLOCKS["dq"], BLOCKS["tau"]]), at, more, axis=1)
     expected = [str(1 + k + (k >= at)) for k in range(18)]
-    found = map_columns(table(columns), JOINTS)
-    assert columns_of(found) == expected[:6] + expected[12:]
+    mapping = map_columns(table(columns), JOINTS)
+    assert columns_of(mapping) == expected[:6] + expected[12:]
 
 
 def test_of_two_clocks_the_one_of_seconds_is_taken_and_asked() -> None:
-    found = map_columns(table(T, BLOCKS["q"], BLOCKS["tau"], clock=np.arange(len(T))), JOINTS)
-    assert (found.time.column, found.time.unit) == ("1", "s")
-    assert "'0'" in found.time.question
-    assert [one.column for one in found.position.values()] == [str(k) for k in range(2, 8)]
+    mapping = map_columns(table(T, BLOCKS["q"], BLOCKS["tau"], clock=np.arange(len(T))), JOINTS)
+    assert (mapping.time.column, mapping.time.unit) == ("1", "s")
+    assert "'0'" in mapping.time.question
+    assert [value.column for value in mapping.position.values()] == [str(k) for k in range(2, 8)]
 
 
 def test_commanded_positions_are_a_rival() -> None:
-    late = np.roll(BLOCKS["q"], 2, axis=0)
-    late[:2] = BLOCKS["q"][0]
-    position, torque = match_by_shape(table(late, BLOCKS["q"], BLOCKS["dq"], BLOCKS["tau"]), JOINTS)
+    delayed = np.roll(BLOCKS["q"], 2, axis=0)
+    delayed[:2] = BLOCKS["q"][0]
+    position, torque = match_by_shape(table(delayed, BLOCKS["q"], BLOCKS["dq"], BLOCKS["tau"]), JOINTS)
     assert position is not None
     assert torque is not None
     assert "nearly the same" in position.question
@@ -140,24 +140,24 @@ def test_fingers_may_be_missing_and_values_too(finger: bool) -> None:
         parts[0][[7, 900, 901], 2] = np.nan
         parts[1][40, 5] = np.inf
         parts[2] = np.full(len(T), np.nan)
-    found = map_columns(table(*parts), (*JOINTS, hand) if finger else JOINTS)
-    assert columns_of(found) == [str(k) for k in (*range(7, 13), *range(1, 7))]
-    assert set(found.lock) == ({"finger"} if finger else set())
+    mapping = map_columns(table(*parts), (*JOINTS, hand) if finger else JOINTS)
+    assert columns_of(mapping) == [str(k) for k in (*range(7, 13), *range(1, 7))]
+    assert set(mapping.lock) == ({"finger"} if finger else set())
 
 
 def test_degrees_are_found_and_asked() -> None:
-    found = map_columns(table(np.degrees(Q), np.degrees(DQ), BLOCKS["tau"]), JOINTS)
-    assert [channel.column for channel in found.position.values()] == places(("q", "dq", "tau"), "q")
-    assert {channel.unit for channel in found.position.values()} == {"deg"}
+    mapping = map_columns(table(np.degrees(Q), np.degrees(DQ), BLOCKS["tau"]), JOINTS)
+    assert [channel.column for channel in mapping.position.values()] == places(("q", "dq", "tau"), "q")
+    assert {channel.unit for channel in mapping.position.values()} == {"deg"}
 
 
 def test_a_joint_at_rest_says_nothing() -> None:
     parts = [BLOCKS[kind].copy() for kind in ("tau", "dq", "q")]
     for part, value in zip(parts, (2.0, 0.0, 0.7), strict=True):
         part[:, 3] = value
-    found = map_columns(table(*parts), JOINTS)
-    assert [one.column for one in found.position.values()] == ["13", "14", "15", "17", "18"]
-    assert found.still_joints == ("j4",)
+    mapping = map_columns(table(*parts), JOINTS)
+    assert [value.column for value in mapping.position.values()] == ["13", "14", "15", "17", "18"]
+    assert mapping.still_joints == ("j4",)
 
 
 @pytest.mark.parametrize("columns", [np.zeros((50, 18)), np.ones((4000, 18)), np.full((4000, 18), np.nan)], ids=str)

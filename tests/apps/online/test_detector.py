@@ -40,8 +40,8 @@ def test_windows_that_end_now_have_the_sums_of_their_blocks_and_are_known_to_a_s
 
 def test_gains_are_of_the_directions_that_are_shown() -> None:
     information = np.array([np.diag([4.0, 0.0]), np.diag([4.0, 4.0]), np.zeros((2, 2))])
-    found, rank = gains(np.array([[2.0, 0.0], [2.0, 4.0], [0.0, 0.0]]), information, information)
-    np.testing.assert_allclose(found, [1.0, 5.0, 0.0])
+    result, rank = gains(np.array([[2.0, 0.0], [2.0, 4.0], [0.0, 0.0]]), information, information)
+    np.testing.assert_allclose(result, [1.0, 5.0, 0.0])
     assert rank.tolist() == [1, 2, 0]
 
 
@@ -75,12 +75,12 @@ def detector(rate: float = 0.03, tolerance: float = 0.0) -> Detector:
     return Detector(of, BASELINE, SETTLE, limit, np.ones(2))
 
 
-def stepped(of: Detector, known: Knowledge, blocks: Iterable[Scores]) -> tuple[Knowledge, list[Event]]:
+def stepped(of: Detector, knowledge: Knowledge, blocks: Iterable[Scores]) -> tuple[Knowledge, list[Event]]:
     events = list[Event]()
     for scores in blocks:
-        known, said = of.step(known, scores)
+        knowledge, said = of.step(knowledge, scores)
         events += said
-    return known, events
+    return knowledge, events
 
 
 @cache
@@ -92,12 +92,12 @@ def quiet(of: Detector) -> tuple[Knowledge, list[Event]]:
 def watched(blocks: int, make: Callable[[np.random.Generator, int], Scores], of: Detector | None = None) -> list[Event]:
     """Return what is said of blocks after ``START`` quiet ones, in which the baseline is found."""
     of, rng = of or detector(), np.random.default_rng(2)
-    known, events = quiet(of)
-    return events + stepped(of, known, (make(rng, k) for k in range(START, blocks)))[1]
+    reference, events = quiet(of)
+    return events + stepped(of, reference, (make(rng, k) for k in range(START, blocks)))[1]
 
 
 def changed(events: list[Event]) -> list[tuple[GroupKind, str]]:
-    return [(one.kind, one.joint) for one in events if isinstance(one, Changed)]
+    return [(event.kind, event.joint) for event in events if isinstance(event, Changed)]
 
 
 def test_nothing_is_said_where_nothing_changes_but_that_the_baseline_is_known() -> None:
@@ -112,14 +112,14 @@ def test_nothing_is_said_where_nothing_changes_but_that_the_baseline_is_known() 
 def test_the_baseline_learns_how_much_scores_scatter(share: float) -> None:
     rng, of = np.random.default_rng(1), detector()
     blocks = (block(rng, k) for k in range(BASELINE))
-    known, _ = stepped(of, of.start(), (replace(one, score=share * one.score) for one in blocks))
-    assert np.median(known.reference.spread) == pytest.approx(share**2 * SPREAD, rel=0.3)
+    reference, _ = stepped(of, of.start(), (replace(x, score=share * x.score) for x in blocks))
+    assert np.median(reference.reference.spread) == pytest.approx(share**2 * SPREAD, rel=0.3)
 
 
 def test_alarms_by_chance_are_not_more_than_stated() -> None:
     """At 1440 a day, or one in 12 blocks: the stated rate is an upper bound, and not far from what is."""
     events = watched(600 + BASELINE, block, detector(rate=1440.0))
-    alarms, stated = sum(isinstance(one, Alarm | Unsteady) for one in events), 1440.0 * 600 * 5.0 / 86_400
+    alarms, stated = sum(isinstance(event, Alarm | Unsteady) for event in events), 1440.0 * 600 * 5.0 / 86_400
     assert 0.1 * stated < alarms < 1.2 * stated
 
 
@@ -131,7 +131,7 @@ def test_a_change_is_found_in_its_group_with_its_size(kind: str, joint: str, at:
     change[at] = 8.0 * np.sqrt(SPREAD / INFORMATION)
     events = watched(200, lambda rng, k: block(rng, k, change))
     assert changed(events) == [(kind, joint)]
-    alarm, found = (next(one for one in events if isinstance(one, noun)) for noun in (Alarm, Changed))
+    alarm, result = (next(event for event in events if isinstance(event, noun)) for noun in (Alarm, Changed))
     assert 500.0 < alarm.time <= 520.0
     assert alarm.since == 500.0
     (part,) = [
@@ -140,15 +140,15 @@ def test_a_change_is_found_in_its_group_with_its_size(kind: str, joint: str, at:
         if group.kind == kind and group.joint == joint
     ]
     own = at - part.start
-    assert abs(found.size[own] - change[at]) < 4 * found.std[own]
-    assert found.total == found.size
+    assert abs(result.size[own] - change[at]) < 4 * result.std[own]
+    assert result.total == result.size
 
 
 def test_a_change_back_is_a_change_to_zero_in_all() -> None:
     change = np.append(8.0 * np.sqrt(SPREAD / INFORMATION), np.zeros(7))
     events = watched(200, lambda rng, k: block(rng, k, change if k < 150 else None))
     assert changed(events) == [("friction", "one")] * 2
-    back = [one for one in events if isinstance(one, Changed)][1]
+    back = [event for event in events if isinstance(event, Changed)][1]
     assert abs(back.total[0]) < 4 * back.std[0]
 
 
@@ -160,22 +160,22 @@ def test_one_wild_block_is_no_change() -> None:
 def test_what_lasts_for_a_few_blocks_has_passed() -> None:
     change = np.append(10.0 * np.sqrt(SPREAD / INFORMATION), np.zeros(7))
     events = watched(200, lambda rng, k: block(rng, k, change if k < 103 else None))
-    assert [type(one) for one in events[1:]] == [Alarm, Passed]
+    assert [type(x) for x in events[1:]] == [Alarm, Passed]
 
 
 def test_what_no_parameter_explains_is_found_at_its_joint() -> None:
     events = watched(200, lambda rng, k: block(rng, k, louder=np.log(4.0)))
     assert changed(events) == [("residual", "two")]
-    found = next(one for one in events if isinstance(one, Changed))
-    assert np.exp(found.size[0]) == pytest.approx(2.0, rel=0.1)  # of the root mean square
+    result = next(event for event in events if isinstance(event, Changed))
+    assert np.exp(result.size[0]) == pytest.approx(2.0, rel=0.1)  # of the root mean square
 
 
 def test_a_change_within_the_baseline_is_said_and_the_baseline_goes_on() -> None:
     change = np.append(8.0 * np.sqrt(SPREAD / INFORMATION), np.zeros(7))
     rng, of = np.random.default_rng(1), detector()
     _, events = stepped(of, of.start(), (block(rng, k, change if k >= BASELINE // 2 else None) for k in range(200)))
-    assert [type(one) for one in events] == [Unsteady, BaselineKnown]
-    assert [(one.since, one.time) for one in events] == [(0.0, 300.0), (150.0, 450.0)]
+    assert [type(event) for event in events] == [Unsteady, BaselineKnown]
+    assert [(event.since, event.time) for event in events] == [(0.0, 300.0), (150.0, 450.0)]
 
 
 def test_what_is_within_the_tolerance_is_no_change() -> None:
@@ -227,7 +227,7 @@ def test_new_motion_that_lasts_is_said() -> None:
 
 def test_a_fit_without_a_residual_weights_all_joints_alike() -> None:
     estimate = SimpleNamespace(residual=SimpleNamespace(sigma=np.zeros(2)))
-    found = SimpleNamespace(estimate=estimate, base=SimpleNamespace(structural=SimpleNamespace()))
-    assert Scorer.from_identification(found).sigma.tolist() == [1.0, 1.0]
+    result = SimpleNamespace(estimate=estimate, base=SimpleNamespace(structural=SimpleNamespace()))
+    assert Scorer.from_identification(result).sigma.tolist() == [1.0, 1.0]
     estimate.residual.sigma = np.array([0.0, 3.0])
-    assert Scorer.from_identification(found).sigma.tolist() == [3.0, 3.0]
+    assert Scorer.from_identification(result).sigma.tolist() == [3.0, 3.0]

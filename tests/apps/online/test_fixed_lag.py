@@ -29,16 +29,16 @@ def test_each_sample_is_delivered_once_with_those_around_it(before, after, multi
     context, seen, held = Context(before, after, multiple), [], []
     stops = [*range(size, N - 1, size), N]
     for start, stop in zip([0, *stops[:-1]], stops, strict=True):
-        found = context.push(motion(start, stop, usable), ended=stop == N)
-        if found is None:
+        result = context.push(motion(start, stop, usable), ended=stop == N)
+        if result is None:
             continue
-        whole, new = found
-        seen += whole.t[new].tolist()
-        assert whole.t[0] <= max(0.0, whole.t[new.start] - before)
-        assert stop == N or whole.t[-1] >= whole.t[new.stop - 1] + after
-        if whole.t[0] > usable:
-            assert (whole.t[0] - usable) % multiple == 0
-        held.append(len(whole))
+        full, new = result
+        seen += full.t[new].tolist()
+        assert full.t[0] <= max(0.0, full.t[new.start] - before)
+        assert stop == N or full.t[-1] >= full.t[new.stop - 1] + after
+        if full.t[0] > usable:
+            assert (full.t[0] - usable) % multiple == 0
+        held.append(len(full))
     assert seen == list(range(N))
     assert max(held) <= before + after + multiple + 2 * size + 2
     assert context.held is None
@@ -55,44 +55,44 @@ def recording(samples: int = 1500, jitter: float = 0.0, start: float = 0.0) -> L
 
 
 def streamed(stream: FixedLag, log: Log, size: int = 100) -> list[FinalMotion]:
-    found: list[FinalMotion] = []
+    result: list[FinalMotion] = []
     for start in range(0, len(log), size):
         part = slice(start, start + size)
-        found += stream.push(log.t[part], log.q[part], log.tau[part])
-    return [*found, *stream.finish()]
+        result += stream.push(log.t[part], log.q[part], log.tau[part])
+    return [*result, *stream.finish()]
 
 
-def signal(found: list[FinalMotion], name: str) -> Array:
-    return np.concatenate([getattr(one.motion, name) for one in found])
+def signal(result: list[FinalMotion], name: str) -> Array:
+    return np.concatenate([getattr(x.motion, name) for x in result])
 
 
 @pytest.mark.parametrize(("jitter", "start"), [(0.0, 0.0), (0.0, 1.7e9), (0.8, 0.0)])
 def test_with_the_whole_lag_it_is_the_spline_of_a_recording(jitter: float, start: float) -> None:
     log = recording(jitter=jitter, start=start)
     sigma = dict(zip(NAMES, (1.0, 1.0), strict=True))
-    whole = Spline(Fixed(lam=[width**4 / STEP for width in WIDTH]), sigma)(log)
-    found = streamed(FixedLag(NAMES, StreamSmoothing(STEP, WIDTH)), log)
+    full = Spline(Fixed(lam=[width**4 / STEP for width in WIDTH]), sigma)(log)
+    result = streamed(FixedLag(NAMES, StreamSmoothing(STEP, WIDTH)), log)
     for name in ("t", "tau"):
-        np.testing.assert_array_equal(signal(found, name), getattr(whole, name))
+        np.testing.assert_array_equal(signal(result, name), getattr(full, name))
     for name in ("q", "dq", "ddq"):
-        expected = getattr(whole, name)
-        np.testing.assert_allclose(signal(found, name), expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+        expected = getattr(full, name)
+        np.testing.assert_allclose(signal(result, name), expected, rtol=0, atol=1e-9 * np.abs(expected).max())
     if not jitter:
-        np.testing.assert_array_equal(signal(found, "mask"), whole.mask)
-    assert [one.ends for one in found] == [False] * (len(found) - 1) + [True]
-    assert all(one.motion.smoothing["bandwidth"] == WIDTH for one in found)
+        np.testing.assert_array_equal(signal(result, "mask"), full.mask)
+    assert [x.ends for x in result] == [False] * (len(result) - 1) + [True]
+    assert all(x.motion.smoothing["bandwidth"] == WIDTH for x in result)
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.8])
 def test_the_lag_leaves_no_more_than_it_says(jitter: float) -> None:
     log = recording(500, jitter)
     rule = Fixed(lam=[width**4 / STEP for width in WIDTH])
-    whole = smooth(log.t, log.q, rule, sigma=1.0)
+    test_motion = smooth(log.t, log.q, rule, sigma=1.0)
     errors = []
     for lag in (0.0, 0.06, 0.12):
         stream = FixedLag(NAMES, StreamSmoothing(STEP, WIDTH), lag, window=2)
-        found = streamed(stream, log)[:-1]
-        off = signal(found, "ddq") - whole.derivative(2)[: len(signal(found, "t"))]
+        result = streamed(stream, log)[:-1]
+        off = signal(result, "ddq") - test_motion.derivative(2)[: len(signal(result, "t"))]
         errors.append((stream.remaining_error, np.sqrt((off[200:] ** 2).mean(axis=0))))
     left, rms = map(np.stack, zip(*errors, strict=True))
     ratio = (rms / rms[0]) / (left / left[0])
@@ -115,17 +115,17 @@ def test_a_gap_ends_a_spline_and_a_few_lost_samples_do_not() -> None:
     for lost, splines in ((2, 1), (13, 2)):
         rows = np.delete(np.arange(500), slice(250, 250 + lost))
         part = Log(log.t[rows], log.q[rows], log.tau[rows], NAMES)
-        found = streamed(FixedLag(NAMES, StreamSmoothing(STEP, WIDTH)), part)
-        assert sum(one.ends for one in found) == splines
-        np.testing.assert_array_equal(signal(found, "t"), part.t)
+        result = streamed(FixedLag(NAMES, StreamSmoothing(STEP, WIDTH)), part)
+        assert sum(x.ends for x in result) == splines
+        np.testing.assert_array_equal(signal(result, "t"), part.t)
 
 
 def test_a_stretch_that_is_too_short_is_left_out() -> None:
     stream = FixedLag(NAMES, StreamSmoothing(STEP, WIDTH))
     log = recording(500, start=10.0)
     assert stream.push(np.array([0.0, STEP]), np.zeros((2, 2)), np.zeros((2, 2))) == ()
-    found = streamed(stream, log)
-    assert signal(found, "t")[0] == 10.0
+    result = streamed(stream, log)
+    assert signal(result, "t")[0] == 10.0
     short = streamed(FixedLag(NAMES, StreamSmoothing(STEP, WIDTH)), recording(20))
     assert len(short) == 1
     assert not short[0].motion.mask.any()

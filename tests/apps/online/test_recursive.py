@@ -82,9 +82,9 @@ def test_the_residual_is_that_of_each_joint_by_its_weight() -> None:
     noisy = np.array([1.0, 3.0, 10.0])
     rough = motion.tau + SIGMA * np.random.default_rng(0).standard_normal(motion.q.shape) * noisy
     fit = RecursiveLeastSquares(model, 1.0 / (SIGMA * np.sqrt(1.0 + noisy**2)))
-    found = taken(fit, replace(motion, tau=rough)).estimate().residual
-    np.testing.assert_allclose(found.sigma, SIGMA * np.sqrt(1.0 + noisy**2), rtol=0.1)
-    assert found.samples == len(motion)
+    residual = taken(fit, replace(motion, tau=rough)).estimate().residual
+    np.testing.assert_allclose(residual.sigma, SIGMA * np.sqrt(1.0 + noisy**2), rtol=0.1)
+    assert residual.samples == len(motion)
 
 
 @pytest.mark.parametrize("size", [1, 7, 400])
@@ -133,13 +133,13 @@ def test_forgetting_keeps_what_the_data_determine(memory, moves: int | None) -> 
 def test_a_parameter_that_no_motion_shows_is_not_lost() -> None:
     model = rusty()
     fit = taken(RecursiveLeastSquares(model, memory=2.0), moving(model))
-    known, before = fit.estimate(), np.diag(fit.state["R"])[:4]
+    reference, before = fit.estimate(), np.diag(fit.state["R"])[:4]
     fit.forget(1e6)
-    late, after = fit.estimate(), np.diag(fit.state["R"])[:4]
-    np.testing.assert_allclose(late.value, known.value, rtol=1e-9)
+    delayed, after = fit.estimate(), np.diag(fit.state["R"])[:4]
+    np.testing.assert_allclose(delayed.value, reference.value, rtol=1e-9)
     np.testing.assert_allclose(after / before, 0.03, rtol=0.1)  # of the largest that they ever were
-    np.testing.assert_allclose(late.std / known.std, 1 / 0.03, rtol=0.15)
-    np.testing.assert_allclose(late.residual.sigma, SIGMA, rtol=0.15)
+    np.testing.assert_allclose(delayed.std / reference.std, 1 / 0.03, rtol=0.15)
+    np.testing.assert_allclose(delayed.residual.sigma, SIGMA, rtol=0.15)
     fit.forget(1e6)
     np.testing.assert_allclose(np.diag(fit.state["R"])[:4], after, rtol=1e-6)
 
@@ -150,17 +150,17 @@ def test_what_fades_follows_a_change_that_what_lasts_does_not_hide() -> None:
     motion = moving(model, 800)
     theta = np.array([1.0, 1.0, 0.8, 0.6])
     noise = SIGMA * np.random.default_rng(1).standard_normal(motion.q.shape)
-    found = {}
+    result = {}
     for name, memory in (("all", math.inf), ("friction", {GroupKind.FRICTION: 2.0}), ("fast", 2.0)):
         fit = RecursiveLeastSquares(model, memory=memory)
         for k, less in enumerate((1.0, 1.0, 0.5)):
             now = theta * [1.0, 1.0, less, less]
             tau = model.torque(motion.q, motion.dq, motion.ddq, now) + noise
             taken(fit, replace(motion, t=motion.t + k * 8.0, tau=tau))
-        found[name] = fit.estimate().value - now
-    assert np.abs(found["all"][2:]).min() > 0.1
-    assert np.abs(found["friction"][2:]).max() < 0.03
-    assert np.abs(found["friction"][:2]).max() < 0.3 * np.abs(found["fast"]).max() + 0.003
+        result[name] = fit.estimate().value - now
+    assert np.abs(result["all"][2:]).min() > 0.1
+    assert np.abs(result["friction"][2:]).max() < 0.03
+    assert np.abs(result["friction"][:2]).max() < 0.3 * np.abs(result["fast"]).max() + 0.003
 
 
 def test_rows_that_are_not_to_be_used_are_not() -> None:
@@ -183,10 +183,10 @@ def test_without_data_the_values_near_are_kept() -> None:
     with pytest.raises(InputError, match="PhysicallyConsistent needs samples, and none was taken yet"):
         fit.estimate(PhysicallyConsistent())
     taken(fit, moving(model, 400, moves=2))
-    found = fit.estimate()
-    rank = found.determined.directions
+    result = fit.estimate()
+    rank = result.determined.directions
     assert 0 < rank.rank < len(near) - 20
-    moved = (found.value - near) * rank.scale
+    moved = (result.value - near) * rank.scale
     np.testing.assert_allclose(moved @ rank.vectors[:, rank.rank :], 0.0, atol=1e-9)
     assert np.linalg.norm(moved) > 1.0
 
@@ -197,12 +197,12 @@ def test_an_estimator_that_needs_the_samples_is_named_and_any_other_fits(kind: s
     fit = RecursiveLeastSquares(model)
     fit.update(*given(moving(model), slice(0, 100)))
     chosen = ESTIMATORS.get(kind)()
-    for one in (chosen, *([PhysicallyConsistent(fit=chosen)] if isinstance(chosen, LinearEstimator) else [])):
+    for case in (chosen, *([PhysicallyConsistent(fit=chosen)] if isinstance(chosen, LinearEstimator) else [])):
         if kind in ("least_squares", "consistent", "ridge"):
-            assert np.isfinite(fit.estimate(one).value).all()
+            assert np.isfinite(fit.estimate(case).value).all()
         else:
-            with pytest.raises(ConfigError, match=f"{type(one).__name__} needs all samples"):
-                fit.estimate(one)
+            with pytest.raises(ConfigError, match=f"{type(case).__name__} needs all samples"):
+                fit.estimate(case)
 
 
 def test_bad_input_is_named() -> None:

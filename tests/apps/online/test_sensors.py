@@ -34,9 +34,9 @@ def seen(q: Array, tau: Array, velocity: float | None = 3.0) -> tuple[list[Fault
     sensors, events, rows = Sensors(("one", "two"), (velocity, velocity)), list[Fault | Back](), np.zeros(0, dtype=bool)
     while len(rows) < len(T):
         some = slice(len(rows), None)
-        found = sensors.check(T[some], q[some], tau[some])
-        events += [one for one in found.events if isinstance(one, Fault | Back)]
-        rows = np.append(rows, found.rows)
+        result = sensors.check(T[some], q[some], tau[some])
+        events += [event for event in result.events if isinstance(event, Fault | Back)]
+        rows = np.append(rows, result.rows)
     return events, rows
 
 
@@ -93,11 +93,11 @@ def test_a_joint_that_is_known_to_rest_is_not_still_until_it_moved_again() -> No
     sensors = Sensors(("one", "two"), (3.0, 3.0))
     end = len(sensors.check(T, q, tau).rows)
     sensors.excuse("two")
-    found = sensors.check(T[end:], q[end:], tau[end:])
-    (jump,) = found.events  # this one was dead: where it moves again is said
+    result = sensors.check(T[end:], q[end:], tau[end:])
+    (jump,) = result.events  # this one was dead: where it moves again is said
     assert (jump.kind, jump.since) == (FaultKind.JUMP, STOP)
-    assert found.rows.all()
-    assert len(found.rows) == len(T) - end
+    assert result.rows.all()
+    assert len(result.rows) == len(T) - end
     assert not sensors.excused.any()
 
 
@@ -149,21 +149,23 @@ def test_samples_may_come_one_by_one_and_the_sensors_be_saved(size: int) -> None
     q[400:, 0] += 2.0
     tau[500:520, 0] = np.nan
     together = Sensors(("one", "two"), (3.0, None))
-    whole = together.check(T, q, tau)
-    one, events, rows, usable = Sensors(("one", "two"), (3.0, None)), list[object](), list[bool](), list[list[bool]]()
+    result = together.check(T, q, tau)
+    case, events, rows, usable = Sensors(("one", "two"), (3.0, None)), list[object](), list[bool](), list[list[bool]]()
     for k in range(0, len(T), size):
         part = slice(k, k + size)
-        found = one.check(T[part], q[part], tau[part])
-        events += found.events
-        rows += found.rows.tolist()
-        usable += found.torque_usable.tolist()
-        assert found.is_plain == (found.rows.all() and found.torque_usable.all() and not found.events)
+        test_result = case.check(T[part], q[part], tau[part])
+        events += test_result.events
+        rows += test_result.rows.tolist()
+        usable += test_result.torque_usable.tolist()
+        assert test_result.is_plain == (
+            test_result.rows.all() and test_result.torque_usable.all() and not test_result.events
+        )
         if k % 70 == 0:
             other = Sensors(("one", "two"), (3.0, None))
-            other.restore(one.state)
-            one = other
-    assert tuple(events) == whole.events
-    assert rows == whole.rows.tolist()
-    assert usable == whole.torque_usable.tolist()
+            other.restore(case.state)
+            case = other
+    assert tuple(events) == result.events
+    assert rows == result.rows.tolist()
+    assert usable == result.torque_usable.tolist()
     for name, value in together.state.items():
-        np.testing.assert_array_equal(value, one.state[name], err_msg=name)
+        np.testing.assert_array_equal(value, case.state[name], err_msg=name)

@@ -51,12 +51,12 @@ HEAD = "t,a,b,m.0,m.1,more"
 ROWS = ["0,180,1.0,1.5,2.0,x", "10,90,1.5,1.0,2.5,"]
 
 
-def check(one: SampleReader, lines: Iterable[str], bad: int = 0) -> None:
-    found = one.push(lines)
-    np.testing.assert_allclose(found.t, [0.0, 0.01])
-    np.testing.assert_allclose(found.q, [[np.pi, 1.0], [np.pi / 2, 1.5]])
-    np.testing.assert_allclose(found.tau, [[3.0, 0.5], [2.0, 1.5]])
-    assert (found.bad.count if found.bad else 0) == bad
+def check(case: SampleReader, lines: Iterable[str], bad: int = 0) -> None:
+    result = case.push(lines)
+    np.testing.assert_allclose(result.t, [0.0, 0.01])
+    np.testing.assert_allclose(result.q, [[np.pi, 1.0], [np.pi / 2, 1.5]])
+    np.testing.assert_allclose(result.tau, [[3.0, 0.5], [2.0, 1.5]])
+    assert (result.bad.count if result.bad else 0) == bad
 
 
 NESTED = [{"t": 0, "a": 180, "b": 1.0, "m": [1.5, 2.0]}, {"t": 10, "a": 90, "b": 1.5, "m": [1.0, 2.5], "note": None}]
@@ -77,18 +77,18 @@ NESTED = [{"t": 0, "a": 180, "b": 1.0, "m": [1.5, 2.0]}, {"t": 10, "a": 90, "b":
 )
 def test_lines_become_samples_in_si(tmp_path: Path, lines: list[str]) -> None:
     unit = {"column: t, unit": 'column: "t [ms]", unit:'} if lines[1].startswith("[ms]") else {}
-    one = reader(tmp_path, **unit)
-    assert len(one.push([]).t) == 0
-    check(one, lines, bad=lines[1].startswith("\x01"))
+    test_reader = reader(tmp_path, **unit)
+    assert len(test_reader.push([]).t) == 0
+    check(test_reader, lines, bad=lines[1].startswith("\x01"))
 
 
 def test_a_position_goes_on_where_its_column_starts_anew(tmp_path: Path) -> None:
-    one = reader(tmp_path, **{"column: a, unit": "column: a, wraps: 360, unit:"})
-    found = [one.push([HEAD, "0,350,1,1,1,"]), one.push(["1,5,1,1,1,", "2,nan,1,1,1,"])]
+    test_reader = reader(tmp_path, **{"column: a, unit": "column: a, wraps: 360, unit:"})
+    result = [test_reader.push([HEAD, "0,350,1,1,1,"]), test_reader.push(["1,5,1,1,1,", "2,nan,1,1,1,"])]
     other = reader(tmp_path, **{"column: a, unit": "column: a, wraps: 360, unit:"})
-    other.restore(json.loads(json.dumps(one.state)))
-    found.append(other.push(["3,20,1,1,1,", "4,10,1,1,1,"]))
-    degrees = np.rad2deg(np.concatenate([part.q[:, 0] for part in found]))
+    other.restore(json.loads(json.dumps(test_reader.state)))
+    result.append(other.push(["3,20,1,1,1,", "4,10,1,1,1,"]))
+    degrees = np.rad2deg(np.concatenate([part.q[:, 0] for part in result]))
     np.testing.assert_allclose(degrees, [350, 365, np.nan, 380, 370])
 
 
@@ -110,27 +110,27 @@ def test_a_gain_may_be_a_number_of_the_recording(tmp_path: Path) -> None:
 
 
 def test_lines_count_once_their_end_is_there() -> None:
-    one, text = LineReader(), "".join(f"{row}\r\n" for row in ("\ufeffhead", "grün,1", "last")).encode()
-    found = [line for k in range(len(text)) for line in one.push(text[k : k + 1])]
-    assert found == ["head", "grün,1", "last"]
-    assert one.tail == b""
-    assert one.push(b"half") == []
-    assert one.tail == b"half"
+    case, text = LineReader(), "".join(f"{row}\r\n" for row in ("\ufeffhead", "grün,1", "last")).encode()
+    result = [line for k in range(len(text)) for line in case.push(text[k : k + 1])]
+    assert result == ["head", "grün,1", "last"]
+    assert case.tail == b""
+    assert case.push(b"half") == []
+    assert case.tail == b"half"
 
 
 def test_what_is_no_number_is_a_sensor_that_says_nothing(tmp_path: Path) -> None:
-    one = reader(tmp_path)
-    found = one.push([HEAD, "0,oops,1.0,nan,2.0,x", "10,,1e999,1,1,"])
-    assert np.isnan(found.q).tolist() == [[True, False], [True, True]]
-    assert np.isnan(found.tau).tolist() == [[True, True], [False, False]]
+    test_reader = reader(tmp_path)
+    result = test_reader.push([HEAD, "0,oops,1.0,nan,2.0,x", "10,,1e999,1,1,"])
+    assert np.isnan(result.q).tolist() == [[True, False], [True, True]]
+    assert np.isnan(result.tau).tolist() == [[True, True], [False, False]]
 
 
 def test_lines_that_cannot_be_read_are_counted(tmp_path: Path) -> None:
-    one = reader(tmp_path)
-    found = one.push([HEAD, "0,1", ROWS[0], '{"t": 0', "[1]", "x,1,1,1,1,1", ROWS[1], ""])
-    assert len(found.t) == 2
-    assert found.bad is not None
-    assert (found.bad.count, found.bad.line, found.bad.text) == (4, 2, "0,1")
+    test_reader = reader(tmp_path)
+    result = test_reader.push([HEAD, "0,1", ROWS[0], '{"t": 0', "[1]", "x,1,1,1,1,1", ROWS[1], ""])
+    assert len(result.t) == 2
+    assert result.bad is not None
+    assert (result.bad.count, result.bad.line, result.bad.text) == (4, 2, "0,1")
 
 
 def test_a_missing_column_and_a_recording_of_several_files_are_said_at_once(tmp_path: Path) -> None:
@@ -144,23 +144,23 @@ def test_a_missing_column_and_a_recording_of_several_files_are_said_at_once(tmp_
 
 def test_the_next_file_may_have_its_names_or_not(tmp_path: Path) -> None:
     for head in ([], [HEAD], ["t,b,a,m.0,m.1"]):
-        one = reader(tmp_path)
-        check(one, [HEAD, *ROWS])
-        one.new_file()
+        test_reader = reader(tmp_path)
+        check(test_reader, [HEAD, *ROWS])
+        test_reader.new_file()
         row = "20,1.0,180,1,1" if head == ["t,b,a,m.0,m.1"] else "20,180,1.0,1,1,"
-        found = one.push([*head, row])
-        np.testing.assert_allclose(found.q, [[np.pi, 1.0]])
-        bad = one.push(["nonsense"]).bad
+        result = test_reader.push([*head, row])
+        np.testing.assert_allclose(result.q, [[np.pi, 1.0]])
+        bad = test_reader.push(["nonsense"]).bad
         assert bad is not None
         assert bad.line == len(head) + 2  # counted in the new file
 
 
 def test_dates_count_from_the_first_midnight(tmp_path: Path) -> None:
-    one = reader(tmp_path)
-    found = one.push(
+    test_reader = reader(tmp_path)
+    result = test_reader.push(
         [HEAD, *(f"2026-11-22T23:59:{s}+00:00,1,1,1,1," for s in ("59.5", "59.75")), "2026-11-23T00:00:00Z,1,1,1,1,"]
     )
-    np.testing.assert_allclose(found.t, [86_399.5, 86_399.75, 86_400.0])
+    np.testing.assert_allclose(result.t, [86_399.5, 86_399.75, 86_400.0])
 
 
 def test_names_stand_below_a_title(tmp_path: Path) -> None:
@@ -171,17 +171,17 @@ def test_names_stand_below_a_title(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("day", ["", "22.11.2026 ", "2026-11-22 "])
 def test_stamps_are_those_of_logs(tmp_path: Path, day: str) -> None:
-    found = reader(tmp_path).push([HEAD, *(f"{day}23:59:{s},1,1,1,1," for s in ("59.5", "59.75"))])
-    np.testing.assert_allclose(found.t, [86_399.5, 86_399.75])
+    result = reader(tmp_path).push([HEAD, *(f"{day}23:59:{s},1,1,1,1," for s in ("59.5", "59.75"))])
+    np.testing.assert_allclose(result.t, [86_399.5, 86_399.75])
 
 
 def test_a_saved_reader_goes_on(tmp_path: Path) -> None:
-    one, other = reader(tmp_path), reader(tmp_path)
-    one.push([HEAD, ROWS[0]])
-    state: dict[str, Any] = json.loads(json.dumps(one.state))
-    other.restore(state)
-    assert other.push([ROWS[1].replace("1.5,1.0", "1.5,oops")]).t.tolist() == [0.01]
-    assert other.line == 3
+    first, second = reader(tmp_path), reader(tmp_path)
+    first.push([HEAD, ROWS[0]])
+    state: dict[str, Any] = json.loads(json.dumps(first.state))
+    second.restore(state)
+    assert second.push([ROWS[1].replace("1.5,1.0", "1.5,oops")]).t.tolist() == [0.01]
+    assert second.line == 3
 
 
 @pytest.fixture

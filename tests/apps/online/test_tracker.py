@@ -33,11 +33,11 @@ def remembering() -> Identification:
 
 
 def pushed(tracker: Tracker, log: Log, size: int) -> list[MotionBlock]:
-    found: list[MotionBlock] = []
+    result: list[MotionBlock] = []
     for start in range(0, len(log), size):
         part = slice(start, start + size)
-        found += tracker.push(log.t[part], log.q[part], log.tau[part])
-    return [*found, *tracker.finish()]
+        result += tracker.push(log.t[part], log.q[part], log.tau[part])
+    return [*result, *tracker.finish()]
 
 
 @pytest.mark.parametrize(
@@ -59,11 +59,11 @@ def test_each_joint_is_smoothed_alone_as_beside_the_others(smoother: Spline) -> 
 @pytest.mark.parametrize(("make", "size"), [(plain, 100), (filtered, 1), (remembering, 1)])
 def test_blocks_and_estimate_do_not_depend_on_how_samples_come(make, size: int) -> None:
     log, result = recorded(), make()
-    known = estimate_smoothing(result, log)
-    trackers = [Tracker(result, known, 0.1, {GroupKind.FRICTION: 3.0}) for _ in range(2)]
-    one, other = (pushed(tracker, log, k) for tracker, k in zip(trackers, (len(log), size), strict=True))
-    assert [len(each.motion) for each in one] == [len(each.motion) for each in other]
-    t = np.concatenate([each.motion.t for each in one])
+    smoothing = estimate_smoothing(result, log)
+    trackers = [Tracker(result, smoothing, 0.1, {GroupKind.FRICTION: 3.0}) for _ in range(2)]
+    first, second = (pushed(tracker, log, k) for tracker, k in zip(trackers, (len(log), size), strict=True))
+    assert [len(each.motion) for each in first] == [len(each.motion) for each in second]
+    t = np.concatenate([each.motion.t for each in first])
     assert (np.diff(t) > 0).all()
     assert len(t) >= len(log) - 1
     np.testing.assert_array_equal(*(each.estimate().value for each in trackers))
@@ -72,32 +72,32 @@ def test_blocks_and_estimate_do_not_depend_on_how_samples_come(make, size: int) 
 @pytest.mark.parametrize("make", [plain, filtered, remembering])
 def test_a_saved_state_goes_on(make) -> None:
     log, result = recorded(), make()
-    known = estimate_smoothing(result, log)
-    whole, first, second = (
-        Tracker(result, known, 0.2, {GroupKind.FRICTION: 2.0, GroupKind.PAYLOAD: 5.0}) for _ in range(3)
+    smoothing = estimate_smoothing(result, log)
+    full, first, second = (
+        Tracker(result, smoothing, 0.2, {GroupKind.FRICTION: 2.0, GroupKind.PAYLOAD: 5.0}) for _ in range(3)
     )
-    pushed(whole, log, 100)
+    pushed(full, log, 100)
     first.push(log.t[:731], log.q[:731], log.tau[:731])
     second.restore({name: np.array(x.tolist()) for name, x in first.state.items()})
     second.push(log.t[731:], log.q[731:], log.tau[731:])
     second.finish()
-    np.testing.assert_allclose(second.estimate().value, whole.estimate().value, rtol=0, atol=1e-9)
-    assert second.fit.rows == pytest.approx(whole.fit.rows, rel=1e-12)
+    np.testing.assert_allclose(second.estimate().value, full.estimate().value, rtol=0, atol=1e-9)
+    assert second.fit.rows == pytest.approx(full.fit.rows, rel=1e-12)
 
 
 def test_a_gap_lets_go_of_what_was_before() -> None:
     log, result = recorded(), filtered()
-    known = estimate_smoothing(result, log)
-    late = Log(log.t + 60.0, log.q, log.tau, log.joints)
-    one, other = Tracker(result, known), Tracker(result, known)
-    before = pushed(one, log, 100)
-    found = [*before, *pushed(one, late, 100)]
-    for each in (log, late):
-        other.push(each.t, each.q, each.tau)
-    other.finish()
-    assert one.fit.rows == other.fit.rows == 2 * sum(e.tau.size for block in before for e in block.entries)
-    np.testing.assert_allclose(one.estimate().value, other.estimate().value, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(found[len(before)].motion.ddq, before[0].motion.ddq, rtol=0, atol=1e-6)
+    smoothing = estimate_smoothing(result, log)
+    test_log = Log(log.t + 60.0, log.q, log.tau, log.joints)
+    first, second = Tracker(result, smoothing), Tracker(result, smoothing)
+    before = pushed(first, log, 100)
+    actual = [*before, *pushed(first, test_log, 100)]
+    for each in (log, test_log):
+        second.push(each.t, each.q, each.tau)
+    second.finish()
+    assert first.fit.rows == second.fit.rows == 2 * sum(e.tau.size for block in before for e in block.entries)
+    np.testing.assert_allclose(first.estimate().value, second.estimate().value, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(actual[len(before)].motion.ddq, before[0].motion.ddq, rtol=0, atol=1e-6)
 
 
 def test_a_block_is_late_by_what_the_tracker_says() -> None:
@@ -128,11 +128,11 @@ def test_rests_have_the_smoothing_of_what_moves() -> None:
 def test_a_result_read_from_a_file_does_and_what_is_not_shown_keeps_its_value(tmp_path) -> None:
     log, result = recorded(), plain()
     read = load(result.save(tmp_path / "result.json"), result.model)
-    one, other = (Tracker(each, estimate_smoothing(result, log)) for each in (result, read))
-    np.testing.assert_array_equal(one.estimate().value, result.estimate.value)
-    for tracker in (one, other):
+    first, second = (Tracker(each, estimate_smoothing(result, log)) for each in (result, read))
+    np.testing.assert_array_equal(first.estimate().value, result.estimate.value)
+    for tracker in (first, second):
         pushed(tracker, log, 100)
-    np.testing.assert_allclose(one.estimate().value, other.estimate().value, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(first.estimate().value, second.estimate().value, rtol=0, atol=1e-12)
 
 
 def test_other_smoothers_and_samples_are_refused() -> None:

@@ -28,7 +28,9 @@ from tests.project.watched import CHANGE, SETTINGS, result, rows
 
 
 def test_the_law_of_sentences_has_all_events() -> None:
-    events = {one for one in vars(online).values() if isinstance(one, type) and issubclass(one, Event)} - {Event}
+    events = {value for value in vars(online).values() if isinstance(value, type) and issubclass(value, Event)} - {
+        Event
+    }
     assert {type(event) for event in EVENTS_WITH_SENTENCES} == events
 
 
@@ -74,8 +76,8 @@ def undisturbed(slider: Path, text: str, tmp_path_factory: pytest.TempPathFactor
 
 def watched(slider: Path, stream: Path, out: Path, how: WatchSettings = HOW) -> tuple[list[Event], Watch]:
     with result_folder(out) as folder:
-        one = make_watch(slider, str(stream), how, folder)
-        return list(one.run(follow=False)), one
+        watch = make_watch(slider, str(stream), how, folder)
+        return list(watch.run(follow=False)), watch
 
 
 def written_events(out: Path) -> list[str]:
@@ -85,43 +87,47 @@ def written_events(out: Path) -> list[str]:
     return [row["event"] for row in rows]
 
 
-def same(one: Knowledge, other: Knowledge) -> None:
-    assert (one.alarm, len(one.windows), len(one.blocks)) == (other.alarm, len(other.windows), len(other.blocks))
-    assert one.reference is not None
+def same(knowledge: Knowledge, other: Knowledge) -> None:
+    assert (knowledge.alarm, len(knowledge.windows), len(knowledge.blocks)) == (
+        other.alarm,
+        len(other.windows),
+        len(other.blocks),
+    )
+    assert knowledge.reference is not None
     assert other.reference is not None
-    np.testing.assert_array_equal(one.reference.value, other.reference.value)
-    for a, b in zip(one.windows, other.windows, strict=True):
+    np.testing.assert_array_equal(knowledge.reference.value, other.reference.value)
+    for a, b in zip(knowledge.windows, other.windows, strict=True):
         np.testing.assert_array_equal(a.score, b.score)
 
 
 def test_a_change_in_a_file_is_found_written_and_said_as_before(undisturbed: tuple[list[Event], Watch]) -> None:
     events, watch = undisturbed
-    assert abs(next(one for one in events if isinstance(one, Changed)).since - CHANGE) <= 2.0
+    assert abs(next(event for event in events if isinstance(event, Changed)).since - CHANGE) <= 2.0
     assert watch.folder is not None
     said = [json.loads(line) for line in (watch.folder.path / EVENTS).read_text().splitlines()]
-    assert said == [{"id": k, **json.loads(json.dumps(event_data(one)))} for k, one in enumerate(events, 1)]
+    assert said == [{"id": k, **json.loads(json.dumps(event_data(x)))} for k, x in enumerate(events, 1)]
     check_kept("watched", "\n".join(str(event_line(event, ("slider",))) for event in events))
 
 
 def test_a_watch_in_pieces_knows_what_one_in_one_go_knows(
     slider: Path, text: str, undisturbed: tuple[list[Event], Watch], tmp_path: Path
 ) -> None:
-    (expected, one), stream = undisturbed, tmp_path / "stream.csv"
-    found, cuts = list[Event](), [0, 7, 90_001, 200_003, len(text)]
+    (expected, case), stream = undisturbed, tmp_path / "stream.csv"
+    actual, cuts = list[Event](), [0, 7, 90_001, 200_003, len(text)]
     for start, stop in itertools.pairwise(cuts):
         with open(stream, "a") as file:
             file.write(text[start:stop])
         events, other = watched(slider, stream, tmp_path / "other")
-        found += [event for event in events if not isinstance(event, Resumed)]
-    assert [repr(event) for event in found] == [repr(event) for event in expected]
-    same(one.watcher.knowledge, other.watcher.knowledge)
+        actual += [event for event in events if not isinstance(event, Resumed)]
+    assert [repr(event) for event in actual] == [repr(event) for event in expected]
+    same(case.watcher.knowledge, other.watcher.knowledge)
 
 
 def test_a_killed_watch_goes_on(
     slider: Path, text: str, undisturbed: tuple[list[Event], Watch], tmp_path: Path
 ) -> None:
     """Killed while it reads a file that grows, it knows in the end what an undisturbed one knows."""
-    (expected, one), stream, out = undisturbed, tmp_path / "stream.csv", tmp_path / "out"
+    (expected, case), stream, out = undisturbed, tmp_path / "stream.csv", tmp_path / "out"
     stream.write_text("")
     command = [sys.executable, "-m", "dynident", "watch", *map(str, (slider, stream, "--out", out, *SETTINGS))]
     child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -135,13 +141,13 @@ def test_a_killed_watch_goes_on(
     events, other = watched(slider, stream, out)
     assert isinstance(events[0], Resumed)
     assert [name for name in written_events(out) if name != "Resumed"] == [type(event).__name__ for event in expected]
-    same(one.watcher.knowledge, other.watcher.knowledge)
+    same(case.watcher.knowledge, other.watcher.knowledge)
 
 
 def test_a_signal_in_the_midst_of_samples_loses_none(
     slider: Path, text: str, undisturbed: tuple[list[Event], Watch], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (expected, one), stream = undisturbed, tmp_path / "stream.csv"
+    (expected, case), stream = undisturbed, tmp_path / "stream.csv"
     stream.write_text(text[:150_000])
     watched(slider, stream, tmp_path / "out")
     stream.write_text(text)
@@ -159,7 +165,7 @@ def test_a_signal_in_the_midst_of_samples_loses_none(
     assert [name for name in written_events(tmp_path / "out") if name != "Resumed"] == [
         type(event).__name__ for event in expected
     ]
-    same(one.watcher.knowledge, other.watcher.knowledge)
+    same(case.watcher.knowledge, other.watcher.knowledge)
 
 
 def test_another_result_or_setting_is_refused(slider: Path, tmp_path: Path) -> None:

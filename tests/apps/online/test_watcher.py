@@ -40,7 +40,7 @@ COUNT = 2 * np.pi / 2**17  # rad, of an encoder
 
 
 @cache
-def found() -> Identification:
+def identification() -> Identification:
     t, q, tau = samples(0.0, 10.0, seed=3)
     model = MODELS["slider"]()
     return dy.identify(model, dy.Log(t, q, tau, tuple(joint.name for joint in model.joints)))
@@ -48,17 +48,17 @@ def found() -> Identification:
 
 @cache
 def state_after(seconds: float) -> Mapping[str, Any]:
-    one = watcher()
-    one.push(*samples(0, seconds))
-    return one.state
+    test_watcher = watcher()
+    test_watcher.push(*samples(0, seconds))
+    return test_watcher.state
 
 
 def watcher(seconds: float = 0.0) -> Watcher:
     """A watcher that has seen the slider for some seconds."""
-    one = Watcher(found(), np.random.default_rng(0), HOW)
+    case = Watcher(identification(), np.random.default_rng(0), HOW)
     if seconds:
-        one.restore(state_after(seconds))
-    return one
+        case.restore(state_after(seconds))
+    return case
 
 
 def same_scores(some: Sequence[Scores | Sums], others: Sequence[Scores | Sums]) -> None:
@@ -68,15 +68,15 @@ def same_scores(some: Sequence[Scores | Sums], others: Sequence[Scores | Sums]) 
 
 
 def types(events: Sequence[Event]) -> list[type]:
-    return [type(one) for one in events]
+    return [type(event) for event in events]
 
 
 def test_a_change_is_found() -> None:
-    one = watcher()
-    assert types(one.push(*samples(0, 40))) == [BaselineKnown]
-    start, stop, count = one.state["span"]
+    test_watcher = watcher()
+    assert types(test_watcher.push(*samples(0, 40))) == [BaselineKnown]
+    start, stop, count = test_watcher.state["span"]
     assert count == round((stop - start) * RATE) + 1
-    alarm, changed = one.push(*samples(40, 55, rub=1.5))
+    alarm, changed = test_watcher.push(*samples(40, 55, rub=1.5))
     assert (type(alarm), type(changed)) == (Alarm, Changed)
     assert alarm.time <= 44.0
     assert abs(changed.since - 40.0) <= 1.0
@@ -90,24 +90,24 @@ def test_single_samples_are_watched_as_many_are() -> None:
     t, q, tau = samples(0, 16)
     t[1200:] += 2.0
     q[700, 0], tau[800, 0], t[900], tau[1300:1340, 0] = 1e7, np.inf, np.nan, np.nan
-    whole, one, events = watcher(), watcher(), list[Event]()
-    expected = whole.push(t, q, tau)
+    test_watcher, case, events = watcher(), watcher(), list[Event]()
+    expected = test_watcher.push(t, q, tau)
     for k in range(len(t)):
-        events += one.push(t[k : k + 1], q[k : k + 1], tau[k : k + 1])
+        events += case.push(t[k : k + 1], q[k : k + 1], tau[k : k + 1])
     assert [repr(event) for event in events] == [repr(event) for event in expected]
     assert types(expected) == [Gap, Fault, Back]
     for name in (*CLOCK, "moved", "refused", "deaf", "smoothing"):
-        assert repr(one.state[name]) == repr(whole.state[name]), name
+        assert repr(case.state[name]) == repr(test_watcher.state[name]), name
     for part in ("sensors", "tracker"):
-        for name, value in one.state[part].items():
-            np.testing.assert_array_equal(value, whole.state[part][name], err_msg=name)
+        for name, value in case.state[part].items():
+            np.testing.assert_array_equal(value, test_watcher.state[part][name], err_msg=name)
 
 
 def test_gaps_and_clocks_that_are_set_back_end_a_motion_and_no_more() -> None:
-    one = watcher()
-    one.push(*samples(0, 30.3))
-    assert one.push(*samples(34, 40.2)) == (Gap(34.0, pytest.approx(3.71)),)  # type: ignore[arg-type]
-    again = one.push(*samples(0, 20.0))
+    test_watcher = watcher()
+    test_watcher.push(*samples(0, 30.3))
+    assert test_watcher.push(*samples(34, 40.2)) == (Gap(34.0, pytest.approx(3.71)),)  # type: ignore[arg-type]
+    again = test_watcher.push(*samples(0, 20.0))
     assert again == (ClockReset(pytest.approx(0.09), pytest.approx(40.19)),)  # type: ignore[arg-type]
 
 
@@ -119,40 +119,40 @@ def test_what_was_before_a_gap_is_none_of_the_first_seconds() -> None:
 
 
 def test_samples_that_come_again_are_left_out() -> None:
-    one, other = watcher(30), watcher(30)
-    one.push(*samples(30, 40))
-    other.push(*samples(29.97, 30))
-    other.resume_by_replay()
+    first, second = watcher(30), watcher(30)
+    first.push(*samples(30, 40))
+    second.push(*samples(29.97, 30))
+    second.resume_by_replay()
     t, q, tau = (np.concatenate([a, b]) for a, b in zip(samples(0, 30), samples(30, 40), strict=True))
-    other.push(t, q, tau)
-    assert [repr(one.state[name]) for name in CLOCK] == [repr(other.state[name]) for name in CLOCK]
-    same_scores(one.knowledge.windows, other.knowledge.windows)
+    second.push(t, q, tau)
+    assert [repr(first.state[name]) for name in CLOCK] == [repr(second.state[name]) for name in CLOCK]
+    same_scores(first.knowledge.windows, second.knowledge.windows)
 
 
 def test_a_dead_encoder_is_said_at_once_and_the_watch_goes_on() -> None:
-    one = watcher(30)
+    test_watcher = watcher(30)
     t, q, tau = samples(30, 40)
     q[500:700] = q[500]
-    assert types(one.push(t, q, tau)) == [Fault, Back]
-    assert one.push(*samples(40, 60)) == ()
-    assert Changed in types(one.push(*samples(60, 75, rub=1.5)))
+    assert types(test_watcher.push(t, q, tau)) == [Fault, Back]
+    assert test_watcher.push(*samples(40, 60)) == ()
+    assert Changed in types(test_watcher.push(*samples(60, 75, rub=1.5)))
 
 
 def test_an_arm_at_rest_says_nothing() -> None:
-    one = watcher(30)
+    test_watcher = watcher(30)
     t, q, tau = samples(30, 60)
     slow = np.clip((t - 30.0) / 1.0, 0, 1)
     q = q[:1] + (q - q[:1]) * (1 - slow[:, None]) + 1e-5 * np.random.default_rng(1).standard_normal(q.shape)
     rest = 2.0 + 0.3 * np.random.default_rng(2).standard_normal(tau.shape)  # what static friction carries
-    events = one.push(t[200:], q[200:], rest[200:])
+    events = test_watcher.push(t[200:], q[200:], rest[200:])
     assert not [event for event in events if isinstance(event, Changed | Alarm)]
 
 
 def test_a_robot_that_does_not_move_at_first_is_waited_for() -> None:
-    one = watcher()
+    test_watcher = watcher()
     t, q, tau = samples(0, 12)
-    assert types(one.push(t, np.zeros_like(q), tau)) == [Unreadable]
-    assert types(one.push(*samples(12, 50))) == [BaselineKnown]
+    assert types(test_watcher.push(t, np.zeros_like(q), tau)) == [Unreadable]
+    assert types(test_watcher.push(*samples(12, 50))) == [BaselineKnown]
 
 
 def test_no_push_waits_for_the_first_seconds_to_be_worked_off(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -204,14 +204,14 @@ def test_it_does_not_matter_how_fast_the_first_seconds_are_worked_off(monkeypatc
 
 def test_a_watch_that_was_saved_while_samples_wait_goes_on_the_same() -> None:
     t, q, tau = arm_samples(20.0)
-    whole, watch = (Watcher(arm(), np.random.default_rng(0), HOW) for _ in range(2))
-    whole.push(t, q, tau)
+    full, watch = (Watcher(arm(), np.random.default_rng(0), HOW) for _ in range(2))
+    full.push(t, q, tau)
     for rows in (slice(0, 1004), slice(1004, 1020), slice(1020, None)):  # within the estimate, within the windows
         watch.push(t[rows], q[rows], tau[rows])
         state = watch.state
         watch = Watcher(arm(), np.random.default_rng(0), HOW)
         watch.restore(state)
-    same_scores(watch.knowledge.blocks, whole.knowledge.blocks)
+    same_scores(watch.knowledge.blocks, full.knowledge.blocks)
 
 
 def test_shapes_and_settings_are_checked() -> None:
@@ -244,16 +244,16 @@ def arm() -> Identification:
 
 
 def arm_said(t: Array, q: Array, tau: Array) -> list[Event]:
-    one, events = Watcher(arm(), np.random.default_rng(0), HOW), list[Event]()
+    case, events = Watcher(arm(), np.random.default_rng(0), HOW), list[Event]()
     for k in range(0, len(t), 1777):
         some = slice(k, k + 1777)
-        events += one.push(t[some], q[some], tau[some])
+        events += case.push(t[some], q[some], tau[some])
     return events
 
 
 def check_change(events: list[Event]) -> None:
     """The first joint rubs more from 42 s on."""
-    (changed,) = [one for one in events if isinstance(one, Changed)]
+    (changed,) = [event for event in events if isinstance(event, Changed)]
     assert (changed.joint, changed.since) == ("joint1", pytest.approx(42.0, abs=2.0))
 
 
@@ -266,7 +266,7 @@ def test_an_encoder_that_dies_at_a_turn_spoils_nothing() -> None:
     assert isinstance(baseline, BaselineKnown)
     assert (fault.kind, fault.joint) == (FaultKind.STILL, "joint2")
     assert 5.0 <= fault.time - fault.since < 6.0
-    assert {type(one) for one in rest} <= {Fault, Back}
+    assert {type(x) for x in rest} <= {Fault, Back}
 
 
 def test_a_joint_that_rests_for_longer_than_usual_is_no_fault_and_changes_are_still_found() -> None:
@@ -286,7 +286,7 @@ def test_without_the_torque_of_one_joint_the_others_are_watched() -> None:
 def test_of_a_robot_that_does_not_move_this_is_said_once() -> None:
     t = np.arange(4000) / 10.0
     q = np.zeros((len(t), 2))
-    events = [one for one in arm_said(t, q, q) if isinstance(one, Resting)]
+    events = [x for x in arm_said(t, q, q) if isinstance(x, Resting)]
     assert events == [Resting(300.0, 0.0)]
 
 

@@ -45,7 +45,7 @@ def arm() -> tuple[Model, Array]:
     """The model with friction, and its true parameters."""
     bodies = RigidBodies(SIX, source="six.urdf")
     model = Model((bodies, Viscous(bodies.joints), Coulomb(bodies.joints), Offset(bodies.joints)))
-    nominal = [one.value for one in bodies.parameters]
+    nominal = [parameter.value for parameter in bodies.parameters]
     return model, np.array([*nominal, *FRICTION, *np.multiply(1.3, FRICTION), *np.multiply(0.1, FRICTION)])
 
 
@@ -71,7 +71,7 @@ def recorded(
     load = model.torque(q, dq, ddq, np.where(np.arange(len(theta)) < 60, theta, 0.0))
     tau = gains * (model.torque(q, dq, ddq, theta) + by_load * np.abs(load) * np.sign(dq))
     tau = tau + NOISE * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
-    return Log(t, q + 1e-6 * rng.standard_normal(q.shape), tau, tuple(one.name for one in model.joints), name)
+    return Log(t, q + 1e-6 * rng.standard_normal(q.shape), tau, tuple(x.name for x in model.joints), name)
 
 
 def fit(log: Log) -> Identification:

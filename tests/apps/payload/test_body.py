@@ -67,7 +67,9 @@ def test_parameters_in_a_frame_are_those_of_a_link_fixed_to_it(frame: str) -> No
     xx, xy, yy, xz, yz, zz = values[4:]
     text = with_payload_link(SIX, frame, values[0], values[1:4], np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     before, after = RigidBodies(SIX), RigidBodies(text)
-    added = np.array([one.value for one in after.parameters]) - [one.value for one in before.parameters]
+    added = np.array([parameter.value for parameter in after.parameters]) - [
+        parameter.value for parameter in before.parameters
+    ]
     np.testing.assert_allclose((mount_of(model, frame).transform @ CARRIED)[: len(added)], added, atol=1e-12)
 
 
@@ -97,12 +99,12 @@ def test_an_arm_with_two_ends_needs_a_frame() -> None:
 
 def test_turning_the_last_joint_shows_the_inertia_about_its_axis() -> None:
     model, _ = arm()
-    known = np.diag([1e6, *[1e6] * 3, *[1e2] * 6])
-    ways = turnings(model, mount_of(model), CARRIED, known, np.full(6, 1e-3), np.zeros((4, 6)))
+    reference = np.diag([1e6, *[1e6] * 3, *[1e2] * 6])
+    ways = turnings(model, mount_of(model), CARRIED, reference, np.full(6, 1e-3), np.zeros((4, 6)))
     assert [way.joint for way in ways] == ["j1", "j2", "j3", "j4", "j5", "j6"]
     assert best_turning(ways, 9, np.inf).joint in ("j4", "j6")
     assert best_turning(ways, 6, np.inf).joint not in ("j6",)
-    before = np.sqrt(np.diag(np.linalg.inv(known)))
+    before = np.sqrt(np.diag(np.linalg.inv(reference)))
     assert (best_turning(ways, 9, np.inf).std[9], best_turning(ways, 6, np.inf).std[6]) < (before[9], before[6])
     assert {way.speed for way in ways} == {1.5}
 

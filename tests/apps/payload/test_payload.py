@@ -63,20 +63,20 @@ def test_the_values_differ_from_the_truth_by_about_their_errors() -> None:
 
 def test_a_saved_result_says_the_same(tmp_path: Path) -> None:
     result().save(tmp_path / "result.json")
-    again, one = ArmEvidence.of(load(tmp_path / "result.json", model=arm()[0])), ArmEvidence.of(result())
-    assert one.by_load is not None
+    again, case = ArmEvidence.of(load(tmp_path / "result.json", model=arm()[0])), ArmEvidence.of(result())
+    assert case.by_load is not None
     for name in ("value", "covariance", "by_joint", "shares", "by_load"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(one, name))
+        np.testing.assert_array_equal(getattr(again, name), getattr(case, name))
 
 
 def test_results_that_do_not_know_their_covariance_are_refused() -> None:
     old = replace(result(), errors=replace(result().errors, base_covariance=None))
     with pytest.raises(InputError, match=r"does not hold the covariance .* identify again"):
         find_payload(old, loaded_result())
-    one = ArmEvidence.of(result())
-    for covariance, words in ((one.covariance * 0 + 1.0, "is singular"), (0 * one.covariance, "no standard error")):
+    case = ArmEvidence.of(result())
+    for covariance, words in ((case.covariance * 0 + 1.0, "is singular"), (0 * case.covariance, "no standard error")):
         with pytest.raises(InputError, match=words):
-            replace(one, covariance=covariance).whitening_matrix()
+            replace(case, covariance=covariance).whitening_matrix()
 
 
 TRUTH = physical_components(CARRIED)
@@ -94,32 +94,32 @@ def weighed() -> Payload:
     return find_payload(result(GAIN), loaded_result("weighed", GAIN), request=PayloadRequest(known_mass=3.0))
 
 
-def distance(one: Payload) -> float:
+def distance(payload: Payload) -> float:
     """The largest error over its standard error."""
-    return float(np.max(np.abs(one.body.values - TRUTH) / one.body.std))
+    return float(np.max(np.abs(payload.body.values - TRUTH) / payload.body.std))
 
 
 def test_a_payload_is_found_within_its_errors() -> None:
-    one = found()
-    assert distance(one) < 4
-    assert one.body.mass == pytest.approx(3.0, rel=0.01)
-    assert one.body.centre == pytest.approx(TRUTH[1:4], abs=0.003)
-    assert one.body.std[0] < 0.02
-    assert one.factor < 1.5
-    assert one.notes == ()
-    assert np.sum(list(one.shares.values()), axis=0) == pytest.approx(np.ones(10), abs=1e-6)
-    (log,) = one.logs
+    case = found()
+    assert distance(case) < 4
+    assert case.body.mass == pytest.approx(3.0, rel=0.01)
+    assert case.body.centre == pytest.approx(TRUTH[1:4], abs=0.003)
+    assert case.body.std[0] < 0.02
+    assert case.factor < 1.5
+    assert case.notes == ()
+    assert np.sum(list(case.shares.values()), axis=0) == pytest.approx(np.ones(10), abs=1e-6)
+    (log,) = case.logs
     assert log.without > 10 * log.with_payload
     assert log.with_payload == pytest.approx(log.free, rel=0.2)
     two_results = find_payload(result(), loaded_result(), request=KNOWN)
-    assert two_results.body.values == pytest.approx(one.body.values, rel=1e-9)
-    assert two_results.body.std == pytest.approx(one.body.std, rel=1e-9)
+    assert two_results.body.values == pytest.approx(case.body.values, rel=1e-9)
+    assert two_results.body.std == pytest.approx(case.body.std, rel=1e-9)
 
 
 def test_a_tool_that_was_removed_is_found_the_other_way_round() -> None:
     with_it = loaded_result()
-    one = find_payload(with_it, result(), request=replace(KNOWN, removed=True))
-    assert distance(one) < 4
+    payload = find_payload(with_it, result(), request=replace(KNOWN, removed=True))
+    assert distance(payload) < 4
     with pytest.raises(InputError, match=r"less than when it was identified.*--removed"):
         find_payload(with_it, result(), request=KNOWN)
     with pytest.raises(InputError, match=r"more than when it was identified.*drop --removed"):
@@ -127,12 +127,12 @@ def test_a_tool_that_was_removed_is_found_the_other_way_round() -> None:
 
 
 def test_a_common_gain_error_scales_the_payload_and_is_counted() -> None:
-    one = find_payload(result(GAIN), loaded_result("weighed", GAIN))
-    assert one.body.mass == pytest.approx(GAIN * 3.0, rel=0.02)  # nothing tells it
-    assert distance(one) < 3
-    assert one.body.std[0] == pytest.approx(0.03 * 3.0, rel=0.5)
-    assert one.shares[ErrorSource.GAINS][0] > 0.9
-    (note,) = (note for note in one.notes if isinstance(note, GainsUnknown))
+    payload = find_payload(result(GAIN), loaded_result("weighed", GAIN))
+    assert payload.body.mass == pytest.approx(GAIN * 3.0, rel=0.02)  # nothing tells it
+    assert distance(payload) < 3
+    assert payload.body.std[0] == pytest.approx(0.03 * 3.0, rel=0.5)
+    assert payload.shares[ErrorSource.GAINS][0] > 0.9
+    (note,) = (note for note in payload.notes if isinstance(note, GainsUnknown))
     assert note.data < 0.3 * note.std
 
 
@@ -144,12 +144,12 @@ def test_a_known_mass_tells_the_gains_and_these_the_next_payload() -> None:
     assert gains.correction == pytest.approx(1 / gains.factor)
     assert weighed().body.mass == pytest.approx(3.0, abs=1e-3)
     lighter = 0.5 * CARRIED
-    one = find_payload(
+    payload = find_payload(
         result(GAIN), {"next": recorded("next", lighter, GAIN)}, request=PayloadRequest(gains=gains, gain_change=0.0)
     )
-    assert one.body.mass == pytest.approx(1.5, rel=0.01)
-    assert one.body.centre == pytest.approx(TRUTH[1:4], abs=0.006)
-    assert not any(isinstance(note, GainsUnknown) for note in one.notes)
+    assert payload.body.mass == pytest.approx(1.5, rel=0.01)
+    assert payload.body.centre == pytest.approx(TRUTH[1:4], abs=0.006)
+    assert not any(isinstance(note, GainsUnknown) for note in payload.notes)
 
 
 def test_gains_that_change_from_day_to_day_count_unless_a_recording_of_the_day_tells_them() -> None:
@@ -169,8 +169,8 @@ def test_gains_that_change_from_day_to_day_count_unless_a_recording_of_the_day_t
 def test_gains_are_of_the_joints_of_the_result_in_any_order() -> None:
     gains, loaded = weighed().gains, loaded_result("weighed", GAIN)
     turned = DriveGains(gains.joints[::-1], gains.factor[::-1], gains.covariance[::-1, ::-1], 3.0)
-    one, other = (find_payload(result(GAIN), loaded, request=PayloadRequest(gains=each)) for each in (gains, turned))
-    assert one.body.values == pytest.approx(other.body.values, rel=1e-9)
+    first, second = (find_payload(result(GAIN), loaded, request=PayloadRequest(gains=each)) for each in (gains, turned))
+    assert first.body.values == pytest.approx(second.body.values, rel=1e-9)
     strange = replace(gains, joints=("a", *gains.joints[1:]))
     with pytest.raises(InputError, match="'j1'"):
         find_payload(result(GAIN), loaded, request=PayloadRequest(gains=strange))
@@ -178,10 +178,10 @@ def test_gains_are_of_the_joints_of_the_result_in_any_order() -> None:
 
 def test_a_known_centre_tells_the_gains_of_the_wrist() -> None:
     placed = PayloadRequest(known_mass=3.0, known_centre=tuple(TRUTH[1:4].tolist()), gain_change=0.0)
-    one = find_payload(result(GAIN), loaded_result("weighed", GAIN), request=placed)
-    assert one.body.centre == pytest.approx(TRUTH[1:4], abs=1e-3)
-    assert one.gains.std[4] < 0.8 * weighed().gains.std[4]
-    assert abs(one.gains.factor[4] - GAIN) < 4 * one.gains.std[4]
+    payload = find_payload(result(GAIN), loaded_result("weighed", GAIN), request=placed)
+    assert payload.body.centre == pytest.approx(TRUTH[1:4], abs=1e-3)
+    assert payload.gains.std[4] < 0.8 * weighed().gains.std[4]
+    assert abs(payload.gains.factor[4] - GAIN) < 4 * payload.gains.std[4]
 
 
 def drifted(scale: float = 0.2) -> np.ndarray:
@@ -208,8 +208,8 @@ def test_drift_is_told_from_the_payload_and_recordings_without_it_help() -> None
 
 
 def test_what_one_joint_does_not_show_is_said_with_the_motion_that_would_show_it() -> None:
-    one = find_payload(result(), {"still": recorded("still", CARRIED, still=(0, 2, 3, 4, 5))}, request=KNOWN)
-    notes = [note for note in one.notes if isinstance(note, NotShown)]
+    payload = find_payload(result(), {"still": recorded("still", CARRIED, still=(0, 2, 3, 4, 5))}, request=KNOWN)
+    notes = [note for note in payload.notes if isinstance(note, NotShown)]
     assert notes
     joints = [note.joint for note in notes]
     assert set(joints) <= {"", "j1", "j2", "j3", "j4", "j5", "j6"}
@@ -217,7 +217,7 @@ def test_what_one_joint_does_not_show_is_said_with_the_motion_that_would_show_it
     helped = [note for note in notes if note.joint]
     assert helped
     assert all(then < std for note in helped for then, std in zip(note.then, note.std, strict=True))
-    assert distance(one) < 4
+    assert distance(payload) < 4
 
 
 def test_what_a_turning_wrist_does_not_tell_from_drift_is_said() -> None:
@@ -238,9 +238,9 @@ def test_the_base_is_tilted_once() -> None:
     tilt = (0.3, -0.2)
     recipe = replace(RECIPE, base_tilt=tilt)
     tilted = identify(arm()[0], {"arm": recorded("arm", tilt=tilt)}, recipe=recipe)
-    one = find_payload(tilted, {"loaded": recorded("loaded", CARRIED, tilt=tilt)}, request=KNOWN)
-    assert distance(one) < 4
-    assert one.factor < 1.5
+    payload = find_payload(tilted, {"loaded": recorded("loaded", CARRIED, tilt=tilt)}, request=KNOWN)
+    assert distance(payload) < 4
+    assert payload.factor < 1.5
 
 
 def test_friction_by_the_load_sees_that_of_the_payload() -> None:
@@ -248,12 +248,12 @@ def test_friction_by_the_load_sees_that_of_the_payload() -> None:
     model = model.with_terms(LoadCoulomb(model.joints))
     by_load = identify(model, {"arm": recorded("arm", by_load=0.1)}, recipe=RECIPE)
     loaded = {"loaded": recorded("loaded", CARRIED, by_load=0.1)}
-    one = find_payload(by_load, loaded, request=KNOWN)
-    assert one.body.mass == pytest.approx(3.0, rel=0.01)
-    assert one.body.centre == pytest.approx(TRUTH[1:4], abs=0.003)
+    payload = find_payload(by_load, loaded, request=KNOWN)
+    assert payload.body.mass == pytest.approx(3.0, rel=0.01)
+    assert payload.body.centre == pytest.approx(TRUTH[1:4], abs=0.003)
     blind, blind_loaded = fit(recorded("arm", by_load=0.1)), fit(loaded["loaded"])
     other = find_payload(blind, blind_loaded, request=KNOWN)
-    assert np.linalg.norm(other.body.values[:4] - TRUTH[:4]) > np.linalg.norm(one.body.values[:4] - TRUTH[:4])
+    assert np.linalg.norm(other.body.values[:4] - TRUTH[:4]) > np.linalg.norm(payload.body.values[:4] - TRUTH[:4])
     assert other.shares[ErrorSource.FRICTION].max() > 0.3  # it is an unknown there
     without = find_payload(blind, blind_loaded, request=replace(KNOWN, load_friction=0.0))
     assert distance(other) < 2 < distance(without)
@@ -261,14 +261,14 @@ def test_friction_by_the_load_sees_that_of_the_payload() -> None:
 
 
 def test_no_payload_is_said() -> None:
-    one = find_payload(result(), {"empty": recorded("empty")}, request=KNOWN)
-    assert [type(note) for note in one.notes] == [NoPayload]
-    assert not one.is_significant
-    assert one.body.mass < 0.05
-    J = physical_jacobian(one.value)  # the shift to a body that can be counts as an error
-    shift = one.body.values - physical_components(one.free)
-    np.testing.assert_allclose(one.body.std**2, np.diag(J @ one.covariance @ J.T) + shift**2)
-    assert smallest_eigenvalue(one.value) > 0
+    payload = find_payload(result(), {"empty": recorded("empty")}, request=KNOWN)
+    assert [type(note) for note in payload.notes] == [NoPayload]
+    assert not payload.is_significant
+    assert payload.body.mass < 0.05
+    J = physical_jacobian(payload.value)  # the shift to a body that can be counts as an error
+    shift = payload.body.values - physical_components(payload.free)
+    np.testing.assert_allclose(payload.body.std**2, np.diag(J @ payload.covariance @ J.T) + shift**2)
+    assert smallest_eigenvalue(payload.value) > 0
 
 
 def test_recordings_of_another_arm_and_results_of_other_terms_are_refused() -> None:

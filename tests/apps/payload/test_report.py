@@ -88,9 +88,9 @@ def test_the_urdf_holds_arm_and_payload_for_its_folder(tmp_path: Path) -> None:
     bodies = RigidBodies(SIX.replace('<link name="base"/>', shape), source="six.urdf")
     sources = Sources(model=SourceFile(str(tmp_path / "robots" / "six.urdf")))
     model = replace(result().model, terms=(bodies, *result().model.terms[1:]))
-    found = replace(result(), model=model, provenance=sources)
-    assert payload_name(found) == "six_payload.urdf"
-    text, said = payload_urdf(found, weighed(), tmp_path / "out")
+    actual = replace(result(), model=model, provenance=sources)
+    assert payload_name(actual) == "six_payload.urdf"
+    text, said = payload_urdf(actual, weighed(), tmp_path / "out")
     assert '"../robots/m.stl"' in text
     masses = {parameter.name: parameter.value for parameter in RigidBodies(text).parameters}
     assert masses["turn.mass"] is not None

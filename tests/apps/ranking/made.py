@@ -60,8 +60,8 @@ class Halved(Estimator):
     """Least squares, of which half is left."""
 
     def __call__(self, problem: Problem) -> Estimate:
-        found = LeastSquares()(problem)
-        return replace(found, value=found.value / 2)
+        result = LeastSquares()(problem)
+        return replace(result, value=result.value / 2)
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Whole(Estimator):
     samples: int
 
     def __call__(self, problem: Problem) -> Estimate:
-        if sum(int(one.mask.sum()) for one in problem.motions) < self.samples:
+        if sum(int(motion.mask.sum()) for motion in problem.motions) < self.samples:
             raise InputError("too few samples")
         return LeastSquares()(problem)
 

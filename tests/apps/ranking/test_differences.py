@@ -60,11 +60,11 @@ def test_neither_units_nor_a_joint_without_load_change_the_order() -> None:
     rng, torque = np.random.default_rng(5), np.ones((BLOCKS, JOINTS))
     squares = drawn(rng, [1.0] * 4) * [4e-4, 0.64]
     squares[2:, :, 0] *= 1.06
-    found = differences(squares, torque, [0] * BLOCKS, np.random.default_rng(0))
-    assert (found.p_value[2:] < 0.05).all()
+    test_differences = differences(squares, torque, [0] * BLOCKS, np.random.default_rng(0))
+    assert (test_differences.p_value[2:] < 0.05).all()
     gain = np.array([1.0, 1e6])
     other = differences(squares * gain, torque * [1.0, 7.0], [0] * BLOCKS, np.random.default_rng(0))
-    assert other.p_value == pytest.approx(found.p_value, abs=1e-12)
+    assert other.p_value == pytest.approx(test_differences.p_value, abs=1e-12)
 
 
 def test_of_exact_data_rounding_does_not_decide() -> None:
@@ -80,8 +80,8 @@ def test_the_truly_best_are_seldom_called_worse(monkeypatch: pytest.MonkeyPatch,
     rng, torque = np.random.default_rng(1), np.ones((BLOCKS, JOINTS))
     wrong = told = 0
     for _ in range(40):
-        found = differences(drawn(rng, [1.0] * 4, memory), torque, [0] * BLOCKS, rng)
-        wrong, told = wrong + int((found.p_value < 0.05).sum()), told + found.has_enough_blocks
+        test_differences = differences(drawn(rng, [1.0] * 4, memory), torque, [0] * BLOCKS, rng)
+        wrong, told = wrong + int((test_differences.p_value < 0.05).sum()), told + test_differences.has_enough_blocks
     assert told >= 30
     assert wrong <= 17
 
@@ -89,11 +89,11 @@ def test_the_truly_best_are_seldom_called_worse(monkeypatch: pytest.MonkeyPatch,
 def test_a_true_difference_is_found_however_many_there_are() -> None:
     rng = np.random.default_rng(2)
     squares = drawn(rng, [1.0, 1.0, *np.linspace(1.3, 3.0, 40)], memory=0.5)
-    found = differences(squares, np.ones((BLOCKS, JOINTS)), [0] * 120 + [1] * 80, rng)
-    assert (found.p_value[2:] < 0.05).all()
-    assert (found.p_value[:2] > 0.05).all()
-    assert (found.interval[2:, 0] > 0).all()
-    assert found.interval[int(np.argmin(found.error))].tolist() == [0.0, 0.0]
+    test_differences = differences(squares, np.ones((BLOCKS, JOINTS)), [0] * 120 + [1] * 80, rng)
+    assert (test_differences.p_value[2:] < 0.05).all()
+    assert (test_differences.p_value[:2] > 0.05).all()
+    assert (test_differences.interval[2:, 0] > 0).all()
+    assert test_differences.interval[int(np.argmin(test_differences.error))].tolist() == [0.0, 0.0]
 
 
 def test_blocks_are_as_long_as_the_correlation() -> None:
@@ -107,9 +107,9 @@ def test_blocks_are_as_long_as_the_correlation() -> None:
 
 def test_too_few_blocks_tell_nothing() -> None:
     rng = np.random.default_rng(4)
-    found = differences(drawn(rng, [1.0, 2.0])[:, :8], np.ones((8, JOINTS)), [0] * 8, rng)
-    assert not found.has_enough_blocks
-    assert np.isnan(found.p_value).all()
+    test_differences = differences(drawn(rng, [1.0, 2.0])[:, :8], np.ones((8, JOINTS)), [0] * 8, rng)
+    assert not test_differences.has_enough_blocks
+    assert np.isnan(test_differences.p_value).all()
     alone = differences(drawn(rng, [1.0]), np.ones((BLOCKS, JOINTS)), [0] * BLOCKS, rng)
     assert alone.p_value.tolist() == [1.0]
     same = drawn(rng, [1.0])
@@ -123,11 +123,11 @@ def test_intervals_of_a_difference_hold_also_of_few_blocks(monkeypatch: pytest.M
     rng, few, inside = np.random.default_rng(6), 14, []
     true = 100.0 * (np.sqrt(1.2) - 1.0) * np.exp((0.5**2 + 0.1**2) / 4)
     for _ in range(60):
-        whole = drawn(rng, [1.0, 1.2])
-        for part in np.split(whole[:, : BLOCKS // few * few], BLOCKS // few, axis=1):
-            found = differences(part, np.ones((few, JOINTS)), [0] * few, rng)
-            if found.has_enough_blocks:
-                low, high = found.interval[1]
+        full = drawn(rng, [1.0, 1.2])
+        for part in np.split(full[:, : BLOCKS // few * few], BLOCKS // few, axis=1):
+            test_differences = differences(part, np.ones((few, JOINTS)), [0] * few, rng)
+            if test_differences.has_enough_blocks:
+                low, high = test_differences.interval[1]
                 inside.append(low < true < high)
     assert len(inside) > 250
     assert 0.94 < np.mean(inside) < 0.99  # twice as wide, it would be all
@@ -142,10 +142,10 @@ def test_values_are_read_from_yaml_results_and_robot_files(tmp_path: Path) -> No
     assert read_truth("truth.yaml", tmp_path, "gallery:slider") == {"M": 5.0, "Fv": 8.0}
     (tmp_path / "parameters.yaml").write_text("parameters:\n- {name: M, value: 5.5, unit: kg}\n")
     assert read_truth("parameters.yaml", tmp_path, "gallery:slider") == {"M": 5.5}
-    found = dy.run(make_project(tmp_path))
-    found.save(tmp_path / "result.json")
+    outcome = dy.run(make_project(tmp_path))
+    outcome.save(tmp_path / "result.json")
     values = read_truth("result.json", tmp_path, "gallery:slider")
-    assert values == pytest.approx(dict(zip(found.estimate.names, found.estimate.value.tolist(), strict=True)))
+    assert values == pytest.approx(dict(zip(outcome.estimate.names, outcome.estimate.value.tolist(), strict=True)))
 
 
 def test_a_robot_file_has_bodies_friction_and_rotors(tmp_path: Path) -> None:
@@ -156,9 +156,9 @@ def test_a_robot_file_has_bodies_friction_and_rotors(tmp_path: Path) -> None:
     assert isinstance(spec, RobotSettings)
     values = read_truth("true.urdf", tmp_path, spec)
     model = dy.read_robot(ARM)
-    known = {one.name: one.value for one in model.parameters if one.value is not None}
-    assert {name: values[name] for name in known} == pytest.approx(known)
-    assert all(values[name] or name in known for name in values), "zeros are no truth of friction"
+    reference = {parameter.name: parameter.value for parameter in model.parameters if parameter.value is not None}
+    assert {name: values[name] for name in reference} == pytest.approx(reference)
+    assert all(values[name] or name in reference for name in values), "zeros are no truth of friction"
     with pytest.raises(ConfigError, match="is a robot file, and the model is none"):
         read_truth("true.urdf", tmp_path, "gallery:slider")
 

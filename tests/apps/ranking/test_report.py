@@ -15,8 +15,8 @@ from tests.kept import check_kept
 from tests.report.rankings import ranking, untold
 
 
-def said(found: Ranking) -> list[str]:
-    return [ranking_heading(found), *ranking_findings(found)]
+def said(result: Ranking) -> list[str]:
+    return [ranking_heading(result), *ranking_findings(result)]
 
 
 def variants() -> Iterator[tuple[str, Ranking]]:
@@ -69,11 +69,11 @@ def variants() -> Iterator[tuple[str, Ranking]]:
 
 def test_what_to_take_and_why_stays_in_all_situations() -> None:
     lines, usual = list[str](), said(ranking())
-    for name, found in variants():
-        data = ranking_dict(found)
-        marks = [row[-1] for table in ranking_tables(found) for row in table.rows]
+    for name, result in variants():
+        data = ranking_dict(result)
+        marks = [row[-1] for table in ranking_tables(result) for row in table.rows]
         lines.append(f"{name}: take {data['take']}, contradicted by {data['contradicted_by']}, marks {marks}")
-        lines += [f"    {line}" for line in said(found) if line not in usual]
+        lines += [f"    {line}" for line in said(result) if line not in usual]
     check_kept("ranking_situations", "\n".join(lines))
 
 
@@ -89,19 +89,19 @@ def test_tables_fit_a_terminal() -> None:
 
 
 def test_each_combination_has_its_line_and_mark() -> None:
-    found = ranking(6, 10)
-    figure = ranking_figure(found)
-    heights = [y for one in figure.data if one["mode"] == "markers" for y in one["y"]]
+    result = ranking(6, 10)
+    figure = ranking_figure(result)
+    heights = [y for x in figure.data if x["mode"] == "markers" for y in x["y"]]
     assert len(set(heights)) == len(heights) == 59
     assert figure.layout["height"] < 1300
     assert figure.layout["xaxis"]["type"] == "log"
     assert figure.figure()
-    assert cost_figure(found).figure()
+    assert cost_figure(result).figure()
 
 
 def test_without_chance_there_are_no_whiskers() -> None:
     figure = ranking_figure(untold(ranking()))
-    assert not any("error_x" in one for one in figure.data)
+    assert not any("error_x" in x for x in figure.data)
     assert "type" not in figure.layout["xaxis"]
 
 
@@ -118,9 +118,9 @@ def test_the_badge_tells_what_comes_before_any_ranking_and_names_are_escaped() -
 
 
 def test_a_page_without_chance_truth_or_estimates() -> None:
-    found = untold(ranking())
-    plain = replace(found, rows=tuple(replace(one, truth=None) for one in found.rows), absent=())
+    result = untold(ranking())
+    plain = replace(result, rows=tuple(replace(row, truth=None) for row in result.rows), absent=())
     assert "Against the truth" not in ranking_page(plain)
-    none = ranking_page(replace(found, rows=found.rows[-1:]))
+    none = ranking_page(replace(result, rows=result.rows[-1:]))
     assert "By joint" not in none
     assert "no estimate" in none

@@ -45,7 +45,7 @@ def config(more: str = "", smoother: str = "{ kind: spline }") -> Config:
 
 
 def names(found: tuple[object, ...]) -> list[str]:
-    return [one.name for one in found]  # type: ignore[attr-defined]
+    return [x.name for x in found]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("status", Status)
@@ -56,14 +56,14 @@ def test_the_row_of_a_job_without_a_value_says_what_became_of_it(status: Status)
 
 
 def test_all_that_need_no_settings_take_part_the_configured_one_first() -> None:
-    found = smoother_candidates(config())
-    assert found[0].is_configured
-    assert found[0].name == "spline (rule constraint)"
-    assert set(names(found[1:])) == set(SMOOTHERS.kinds()) - {"time_shifted"}
+    result = smoother_candidates(config())
+    assert result[0].is_configured
+    assert result[0].name == "spline (rule constraint)"
+    assert set(names(result[1:])) == set(SMOOTHERS.kinds()) - {"time_shifted"}
     usual = smoother_candidates(config(smoother="{ kind: spline, rule: torque }"))
     assert names(usual)[0] == "spline"
     assert len(usual[0].parts) > 1
-    assert len(usual) == len(found) - 1
+    assert len(usual) == len(result) - 1
     assert (
         names(smoother_candidates(config(smoother="{ kind: spline, rule: torque, ends: 50 }"), []))[0]
         == "spline (ends 50)"
@@ -71,10 +71,10 @@ def test_all_that_need_no_settings_take_part_the_configured_one_first() -> None:
 
 
 def test_linear_estimators_are_made_consistent_where_there_are_bodies() -> None:
-    found = estimator_candidates(config(), BODIES)
-    linear = [one.part for one in found if isinstance(one.part, LinearEstimator)]
-    assert "consistent+least_squares" in names(found)
-    assert sum(name.startswith("consistent+") for name in names(found)) == len(linear)
+    result = estimator_candidates(config(), BODIES)
+    linear = [x.part for x in result if isinstance(x.part, LinearEstimator)]
+    assert "consistent+least_squares" in names(result)
+    assert sum(name.startswith("consistent+") for name in names(result)) == len(linear)
     plain = estimator_candidates(config(), slider())
     assert not [name for name in names(plain) if name.startswith("consistent")]
     assert set(names(plain)) == set(ESTIMATORS.kinds()) - {"consistent"}
@@ -129,15 +129,15 @@ def numbers(found: Ranking) -> list[tuple[Any, ...]]:
 def test_the_combination_of_the_configuration_has_the_errors_of_identify(tmp_path: Path) -> None:
     project = make_project(tmp_path, more="min_speed: 0.5\n")
     ranking = compare(project, smoothers=[], estimators=[], folds=0)
-    own = ranking.configured_entry
-    assert own is not None
+    configured_entry = ranking.configured_entry
+    assert configured_entry is not None
     assert ranking.block * ranking.blocks == pytest.approx(8.0, rel=0.01)  # the drawn blocks make up the held-out log
-    errors = {one.role: one.errors for one in dy.run(project).validations}
-    assert own.held_out == pytest.approx(errors["validation"].per_joint, rel=1e-12)
-    assert own.same_motion == pytest.approx(errors["validation"].per_joint, rel=1e-12)
-    assert own.training == pytest.approx(errors["train"].per_joint, rel=1e-12)
-    assert own.overall == pytest.approx(errors["validation"].relative_error, rel=1e-12)
-    assert own.cross_validated == {}
+    errors = {validation.role: validation.errors for validation in dy.run(project).validations}
+    assert configured_entry.held_out == pytest.approx(errors["validation"].per_joint, rel=1e-12)
+    assert configured_entry.same_motion == pytest.approx(errors["validation"].per_joint, rel=1e-12)
+    assert configured_entry.training == pytest.approx(errors["train"].per_joint, rel=1e-12)
+    assert configured_entry.overall == pytest.approx(errors["validation"].relative_error, rel=1e-12)
+    assert configured_entry.cross_validated == {}
 
 
 def test_a_smoother_is_used_as_it_was_chosen_of_several(tmp_path: Path) -> None:
@@ -170,22 +170,24 @@ def test_each_smoother_has_its_own_time_offset(tmp_path: Path) -> None:
 
 def test_a_controller_that_did_not_run_is_said(tmp_path: Path) -> None:
     loop = "simulation: { kind: pd, joints: { slider: { reference: { column: x, unit: m }, kp: 10, kd: 1 } } }\n"
-    found = compare(make_project(tmp_path, more=loop), smoothers=[], estimators=[], folds=0)
-    assert [(one.source, one.joint, one.topic) for one in found.findings] == [("monday", "slider", "loop")]
-    assert found.forbidding_findings == ()
+    comparison = compare(make_project(tmp_path, more=loop), smoothers=[], estimators=[], folds=0)
+    assert [(finding.source, finding.joint, finding.topic) for finding in comparison.findings] == [
+        ("monday", "slider", "loop")
+    ]
+    assert comparison.forbidding_findings == ()
 
 
 def test_combinations_are_ranked_and_worse_ones_told(found: Ranking) -> None:
     assert found.basis == "validation"
     assert found.has_enough_blocks
-    assert [one.combination.estimator for one in found.standings] == ["least_squares"] * 2 + ["Halved"] * 2
+    assert [standing.combination.estimator for standing in found.standings] == ["least_squares"] * 2 + ["Halved"] * 2
     assert found.best is found.standings[0]
-    assert [one.is_worse for one in found.standings[2:]] == [True, True]
-    assert all(40.0 < one.error < 60.0 for one in found.standings[2:])
+    assert [x.is_worse for x in found.standings[2:]] == [True, True]
+    assert all(40.0 < x.error < 60.0 for x in found.standings[2:])
     assert found.choice in found.within_chance
-    for one in found.standings:
-        assert one.cross_validated["slider"] == pytest.approx(one.training["slider"], rel=0.1)
-        assert 1.0 <= one.condition < 10.0
+    for standing in found.standings:
+        assert standing.cross_validated["slider"] == pytest.approx(standing.training["slider"], rel=0.1)
+        assert 1.0 <= standing.condition < 10.0
     difference = found.standings[-1].error - found.standings[0].error
     low, high = found.standings[-1].interval
     assert low < difference < high
@@ -196,26 +198,30 @@ def test_what_fails_is_a_row_and_what_lacks_something_is_listed(project: Path, f
     more = {**FEW, "estimators": [*FEW["estimators"], Raising(), Lacking(), Whole(700)]}
     more["smoothers"] = [*FEW["smoothers"], Stuck()]
     all_of_them = compare(project, **more)
-    assert [one.error for one in all_of_them.standings if one.combination.estimator in ("least_squares", "Halved")] == [
-        one.error for one in found.standings
-    ]
-    raising = next(one for one in all_of_them.failures if one.combination.estimator == "Raising")
+    assert [
+        standing.error
+        for standing in all_of_them.standings
+        if standing.combination.estimator in ("least_squares", "Halved")
+    ] == [standing.error for standing in found.standings]
+    raising = next(failure for failure in all_of_them.failures if failure.combination.estimator == "Raising")
     assert raising.reason.endswith("ZeroDivisionError: no estimate of slider")
-    stuck = [one for one in all_of_them.failures if one.combination.smoother == "Stuck"]
-    assert {one.reason for one in stuck} == {"monday: nothing is smooth enough"}
-    assert [(one.smoother, one.estimator, one.reason) for one in all_of_them.absent] == [
+    stuck = [failure for failure in all_of_them.failures if failure.combination.smoother == "Stuck"]
+    assert {x.reason for x in stuck} == {"monday: nothing is smooth enough"}
+    assert [(x.smoother, x.estimator, x.reason) for x in all_of_them.absent] == [
         ("", "Lacking", "monday: has no controller; give its gains.")
     ]
-    whole = next(one for one in all_of_them.standings if one.combination.estimator == "Whole (samples 700)")
-    assert whole.reason == "cross-validation: too few samples"
+    full = next(
+        standing for standing in all_of_them.standings if standing.combination.estimator == "Whole (samples 700)"
+    )
+    assert full.reason == "cross-validation: too few samples"
 
 
 def test_a_smoother_that_leaves_out_nearly_all_takes_nothing_from_the_others(project: Path, found: Ranking) -> None:
     more = compare(project, **{**FEW, "smoothers": [*FEW["smoothers"], Greedy()]})
     assert more.shares == found.shares
-    assert [one.error for one in more.standings] == [one.error for one in found.standings]
-    left = [one for one in more.failures if one.combination.smoother == "Greedy"]
-    assert {one.outcome for one in left} == {CombinationOutcome.TOO_FEW}
+    assert [standing.error for standing in more.standings] == [standing.error for standing in found.standings]
+    left = [failure for failure in more.failures if failure.combination.smoother == "Greedy"]
+    assert {x.outcome for x in left} == {CombinationOutcome.TOO_FEW}
     assert left[0].reason.startswith("monday: keeps 20 samples, where most smoothers keep 7")
 
 
@@ -223,11 +229,14 @@ def test_a_substitute_of_a_smoother_is_told_and_has_the_same_parameters(project:
     more = compare(project, smoothers=[OnMonday()], estimators=["least_squares"], folds=0)
     assert found.substituted_smoothers == ()
     assert more.substituted_smoothers == ("OnMonday",)
-    assert any(one.startswith("OnMonday does not apply to all motion") for one in ranking_findings(more))
-    one = next(one for one in more.standings if one.combination.smoother == "OnMonday")
+    assert any(
+        ranking_finding.startswith("OnMonday does not apply to all motion")
+        for ranking_finding in ranking_findings(more)
+    )
+    case = next(standing for standing in more.standings if standing.combination.smoother == "OnMonday")
     central = found.standings[0]
-    assert one.same_motion["slider"] == pytest.approx(central.same_motion["slider"], rel=1e-2)
-    assert one.error > 1.1 * central.error
+    assert case.same_motion["slider"] == pytest.approx(central.same_motion["slider"], rel=1e-2)
+    assert case.error > 1.1 * central.error
 
 
 def test_where_no_smoother_works_the_reason_is_said(project: Path) -> None:
@@ -239,11 +248,13 @@ def test_where_no_smoother_works_the_reason_is_said(project: Path) -> None:
 
 def test_without_a_held_out_log_the_training_ranks(tmp_path: Path) -> None:
     config = make_project(tmp_path, held_out=False)
-    found = compare(config, **FEW)
-    assert found.basis == "train"
-    assert [one.combination.estimator for one in found.standings] == ["least_squares"] * 2 + ["Halved"] * 2
-    assert found.standings[0].held_out == found.standings[0].same_motion == {}
-    assert found.standings[0].error == pytest.approx(found.standings[0].cross_validated["slider"], rel=1e-12)
+    comparison = compare(config, **FEW)
+    assert comparison.basis == "train"
+    assert [standing.combination.estimator for standing in comparison.standings] == ["least_squares"] * 2 + [
+        "Halved"
+    ] * 2
+    assert comparison.standings[0].held_out == comparison.standings[0].same_motion == {}
+    assert comparison.standings[0].error == pytest.approx(comparison.standings[0].cross_validated["slider"], rel=1e-12)
     with pytest.raises(InputError, match="no log is held out, and without cross-validation there is nothing to rank"):
         compare(config, **{**FEW, "folds": 0})
 
@@ -261,10 +272,10 @@ def test_what_simulates_is_cross_validated_where_it_is_best_or_nothing_is_held_o
 
 
 def test_short_logs_do_not_tell_differences_from_chance(tmp_path: Path) -> None:
-    found = compare(make_project(tmp_path, seconds=0.3), **{**FEW, "smoothers": [], "folds": 0})
-    assert not found.has_enough_blocks
-    assert found.within_chance == found.standings[:1]
-    assert np.isnan(found.standings[1].p_value)
+    comparison = compare(make_project(tmp_path, seconds=0.3), **{**FEW, "smoothers": [], "folds": 0})
+    assert not comparison.has_enough_blocks
+    assert comparison.within_chance == comparison.standings[:1]
+    assert np.isnan(comparison.standings[1].p_value)
 
 
 def test_a_log_that_repeats_the_training_is_named(tmp_path: Path) -> None:
@@ -276,8 +287,8 @@ def test_rows_are_kept_and_a_stopped_run_goes_on(project: Path, found: Ranking, 
     out = tmp_path / "out"
 
     def stop(step: str) -> None:
-        one = Step.of(step)
-        if one.words == "estimating" and one.completed == 3:
+        case = Step.of(step)
+        if case.words == "estimating" and case.completed == 3:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt) as stopped, progress_to(stop):
@@ -335,9 +346,9 @@ def test_known_truth_gives_errors_and_coverage(project: Path, tmp_path: Path) ->
     truth = tmp_path / "truth.yaml"
     names = dy.run(project).estimate.names
     truth.write_text(f"{names[0]}: 5.0\n{names[1]}: 8.0\n")
-    found = compare(project, **FEW, truth=truth)
-    assert found.parameters[:2] == names[:2]
-    good, bad = found.standings[0].truth, found.standings[-1].truth
+    comparison = compare(project, **FEW, truth=truth)
+    assert comparison.parameters[:2] == names[:2]
+    good, bad = comparison.standings[0].truth, comparison.standings[-1].truth
     assert good is not None
     assert bad is not None
     assert good.over_bound < 5.0 < 50.0 < bad.over_bound

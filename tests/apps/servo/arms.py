@@ -57,12 +57,12 @@ def torque_recording(seed: int = 1, duration: float = 4.0, delay: float = 0.012)
     t, target, _ = servo_recording(seed, duration)
     data = mujoco.MjData(mujoco.MjModel.from_xml_string(motor_mjcf(TRUE_VALUES)))
     data.qpos[:] = target[0]
-    command, q, late = np.empty(target.shape), np.empty(target.shape), round(delay / STEP)
+    command, q, delayed = np.empty(target.shape), np.empty(target.shape), round(delay / STEP)
     for k in range(len(t) * LOG_EVERY):
         if k % LOG_EVERY == 0:
             row = k // LOG_EVERY
             q[row] = np.round(data.qpos / COUNT) * COUNT
             command[row] = 8.0 * (target[row] - q[row]) - 0.1 * data.qvel
-        data.ctrl[:] = command[max(k - late, 0) // LOG_EVERY]
+        data.ctrl[:] = command[max(k - delayed, 0) // LOG_EVERY]
         mujoco.mj_step(data.model, data)
     return ServoLog(f"seed {seed}", t, q, t, command)

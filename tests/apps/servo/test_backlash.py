@@ -46,14 +46,14 @@ def slack_recording(seed: int, k: int, output: bool, duration: float = 4.0, stif
     data, place = mujoco.MjData(model), model.joint("gap").qposadr[0]
     motors = [model.joint(x).qposadr[0] for x in SERVO_JOINTS]
     data.qpos[motors] = command[0]
-    every, late = LOG_EVERY * 2, round(TRUE_DELAY / FINE_STEP)
+    every, delayed = LOG_EVERY * 2, round(TRUE_DELAY / FINE_STEP)
     q = np.empty(command.shape)
     for i in range(len(t) * every):
         seen = data.qpos[motors]
         seen[k] += output * data.qpos[place]
         if i % every == 0:
             q[i // every] = seen
-        data.ctrl[:] = command[max(i - late, 0) // every] - (seen - data.qpos[motors])
+        data.ctrl[:] = command[max(i - delayed, 0) // every] - (seen - data.qpos[motors])
         mujoco.mj_step(model, data)
     return ServoLog("slack", t, np.round(q / COUNT) * COUNT, t, command)
 

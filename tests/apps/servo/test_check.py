@@ -33,10 +33,10 @@ def messages(name: str) -> tuple[int, list[tuple[str, str, str | None]]]:
 
 
 def test_a_right_log_has_its_rate_and_delay(folder) -> None:
-    code, found = messages("servos.yaml")
+    code, result = messages("servos.yaml")
     assert code == 0
-    assert [severity for severity, *_ in found] == ["info"]
-    assert float(found[0][1].split()[6]) == pytest.approx(1e3 * TRUE_DELAY, abs=4)
+    assert [severity for severity, *_ in result] == ["info"]
+    assert float(result[0][1].split()[6]) == pytest.approx(1e3 * TRUE_DELAY, abs=4)
     (facts, _) = json.loads((folder / "check.json").read_text())["servos.yaml"]["logs"].values()
     assert (facts["samples"], facts["missing"]) == (600, 0)
 
@@ -70,9 +70,9 @@ def test_what_is_wrong_with_a_log_is_said(config, folder) -> None:
     cases.append(("alone", config.partition("validation:")[0], "no recording is held out"))
     for name, text, words in cases:
         (folder / "wrong.yaml").write_text(text)
-        code, found = messages("wrong.yaml")
+        code, result = messages("wrong.yaml")
         severity = "error" if name in ("missing", "still") else "warning"
-        assert any(kind == severity and words in message for kind, message, _ in found), (name, found)
+        assert any(kind == severity and words in message for kind, message, _ in result), (name, result)
         assert code == (severity == "error")
 
 
@@ -87,8 +87,8 @@ def test_a_rollout_of_another_recording_is_that_of_the_report(folder) -> None:
 def test_the_file_is_compared_with_its_own_gains(config) -> None:
     arm = load_servos(parse_project(config, Path("arm.yaml")))
     unsaid = replace(arm, nominal=replace(arm.nominal, kp=np.array([np.nan, 17.8, 17.8])))
-    found = replace(arm.nominal, kp=np.array([20.0, 30.0, 17.8]), delay=0.01)
-    beside = unsaid.beside(found)
+    result = replace(arm.nominal, kp=np.array([20.0, 30.0, 17.8]), delay=0.01)
+    beside = unsaid.beside(result)
     assert (beside.kp.tolist(), beside.delay) == ([20.0, 17.8, 17.8], 0.01)
 
 

@@ -19,9 +19,9 @@ def test_a_delayed_command_is_its_mean_over_the_step(held: bool) -> None:
     t = np.array([0.0, 0.1, 0.2])
     log = ServoLog("x", t, np.zeros((3, 1)), t, np.array([[1.0], [3.0], [7.0]]), held)
     # from 0.09 to 0.13 s: a quarter of it before the second command where commands are held
-    first, late = (log.commands_at(0.09 + delay, 0.04, 1, delay)[0, 0] for delay in (0.0, 0.05))
+    first, delayed = (log.commands_at(0.09 + delay, 0.04, 1, delay)[0, 0] for delay in (0.0, 0.05))
     assert first == pytest.approx(0.25 * 1 + 0.75 * 3 if held else np.interp(0.11, t, [1.0, 3.0, 7.0]))
-    assert late == pytest.approx(first)
+    assert delayed == pytest.approx(first)
     assert log.commands_at(-1.0, 0.5, 1, 0.0)[0, 0] == 1.0  # before the first command
 
 

@@ -68,11 +68,11 @@ def test_another_file_is_told_apart() -> None:
 def test_a_locked_joint_stands_where_it_is_held() -> None:
     settings = RobotSettings.model_validate({"file": "servos.xml", "lock": {"elbow": 0.4}})
     arm = load_plant(settings, servo_mjcf(TRUE_VALUES), SERVO_JOINTS[:2], "servos.xml")
-    whole = mujoco.MjModel.from_xml_string(servo_mjcf(TRUE_VALUES))
-    data, held = mujoco.MjData(whole), mujoco.MjData(arm.model)
+    full = mujoco.MjModel.from_xml_string(servo_mjcf(TRUE_VALUES))
+    data, held = mujoco.MjData(full), mujoco.MjData(arm.model)
     data.qpos[:] = [0.3, -0.5, 0.4]
     held.qpos[:] = [0.3, -0.5]
-    for model, state in ((whole, data), (arm.model, held)):
+    for model, state in ((full, data), (arm.model, held)):
         mujoco.mj_kinematics(model, state)
     np.testing.assert_allclose(held.xipos, data.xipos, atol=1e-12)
     assert arm.model.nu == 2
@@ -84,8 +84,8 @@ def test_a_urdf_becomes_an_mjcf_with_servos(tmp_path) -> None:
     arm = load_plant(SETTINGS, text, ["hinge"], "two.urdf")
     truth = values()
     arrays = {key: entries[:1] for key, entries in vars(truth).items() if key != "delay"}
-    one = replace(truth, **arrays)
-    model = mujoco.MjModel.from_xml_string(write_mjcf(text, arm, one))
+    case = replace(truth, **arrays)
+    model = mujoco.MjModel.from_xml_string(write_mjcf(text, arm, case))
     assert model.actuator_gainprm[0, 0] == pytest.approx(17.8)
     assert model.dof_armature[0] == pytest.approx(0.028)
 

@@ -41,12 +41,12 @@ def test_the_values_of_motors_are_found_from_commanded_torques(tmp_path, monkeyp
     assert done.exit_code == 0, done.output
     assert "good for simulation" in done.output
     numbers = json.loads((tmp_path / "out" / "servo.json").read_text())
-    found = {(row["joint"], row["quantity"]): row["value"] for row in numbers["parameters"]}
-    assert found[None, "delay"] == pytest.approx(DELAY, abs=3e-4)
+    result = {(row["joint"], row["quantity"]): row["value"] for row in numbers["parameters"]}
+    assert result[None, "delay"] == pytest.approx(DELAY, abs=3e-4)
     truth = values()
     for k, joint in enumerate(SERVO_JOINTS):
         for quantity in FRICTION:
-            assert found[joint, str(quantity)] == pytest.approx(getattr(truth, quantity)[k], rel=0.02)
+            assert result[joint, str(quantity)] == pytest.approx(getattr(truth, quantity)[k], rel=0.02)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "robot.xml"))
     assert model.actuator_biastype.tolist() == [0, 0, 0]
     assert model.actuator_gear[2, 0] == GEAR

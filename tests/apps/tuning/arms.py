@@ -36,7 +36,7 @@ def recording(seed: int, seconds: float = 5.0, name: str = "", model: Model = MO
 
 def logs(*train: Log, held: tuple[Log, ...] = ()) -> dict[str, dict[str, Log]]:
     """Logs by role and name."""
-    return {role: {one.source: one for one in some} for role, some in (("train", train), ("validation", held))}
+    return {role: {x.source: x for x in some} for role, some in (("train", train), ("validation", held))}
 
 
 def bench(
@@ -44,8 +44,8 @@ def bench(
 ) -> Bench:
     """The arm on the bench."""
     given = given or logs(recording(1), held=(recording(2),))
-    found = identify(model, given["train"], given["validation"], recipe or Recipe(Spline(factor=1.5)))
-    return Bench.of(model, given, found)
+    result = identify(model, given["train"], given["validation"], recipe or Recipe(Spline(factor=1.5)))
+    return Bench.of(model, given, result)
 
 
 def with_terms(tuning: Tuning, joint: int, kinds: Sequence[str]) -> Tuning:

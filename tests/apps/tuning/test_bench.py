@@ -25,19 +25,19 @@ from tests.apps.tuning.arms import JOINTS, MODEL, RATE, bench, logs, recording, 
 
 
 def test_the_residual_of_the_right_smoothing_is_white_of_the_noise(arm: Bench) -> None:
-    found = arm.smooth(arm.start.with_degree(0.0), "log 1", JOINTS[0])
-    assert found.degree == pytest.approx(0.0, abs=1e-6)
-    assert found.noise == pytest.approx(2e-4, rel=0.05)
-    np.testing.assert_allclose(found.residual, found.measured - found.q)
-    f, power = found.spectrum()
+    motion = arm.smooth(arm.start.with_degree(0.0), "log 1", JOINTS[0])
+    assert motion.degree == pytest.approx(0.0, abs=1e-6)
+    assert motion.noise == pytest.approx(2e-4, rel=0.05)
+    np.testing.assert_allclose(motion.residual, motion.measured - motion.q)
+    f, power = motion.spectrum()
     assert (f[0] > 0, f[-1]) == (True, pytest.approx(RATE / 2, rel=0.01))
-    high = power[f > 4 * found.cutoff]
+    high = power[f > 4 * motion.cutoff]
     assert high.mean() == pytest.approx(2 * 2e-4**2 / RATE, rel=0.15)
-    late, auto, bound = found.autocorrelation()
-    assert late[0] == pytest.approx(1 / RATE)
+    delayed, auto, bound = motion.autocorrelation()
+    assert delayed[0] == pytest.approx(1 / RATE)
     assert np.abs(auto[50:]).mean() < bound
     assert np.abs(auto).max() < 0.3
-    assert 2 < found.edf < len(found.t)
+    assert 2 < motion.edf < len(motion.t)
 
 
 def test_no_noise_has_no_degree() -> None:
@@ -47,33 +47,35 @@ def test_no_noise_has_no_degree() -> None:
 
 
 def test_it_is_the_error_by_which_a_smoother_is_chosen(arm: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(curve, "DEGREES", tuple(2 * np.log10(one) for one in NOISE_FACTORS[:6]))
+    monkeypatch.setattr(curve, "DEGREES", tuple(2 * np.log10(x) for x in NOISE_FACTORS[:6]))
     monkeypatch.setattr(curve, "ROWS", 10_000)
-    found = arm.curve(arm.start.with_degree(0.05))
-    candidates = [Spline(factor=one) for one in NOISE_FACTORS[:6]]
+    test_curve = arm.curve(arm.start.with_degree(0.05))
+    candidates = [Spline(factor=x) for x in NOISE_FACTORS[:6]]
     choice = choose_smoother(arm.identification.model, list(arm.logs["train"].values()), candidates)
-    np.testing.assert_allclose(found.errors, choice.errors, rtol=1e-6)
+    np.testing.assert_allclose(test_curve.errors, choice.errors, rtol=1e-6)
     assert isinstance(choice.smoother, Spline)
-    assert found.marks["torque"] == pytest.approx((2 * np.log10(choice.smoother.factor),) * 3)
+    assert test_curve.marks["torque"] == pytest.approx((2 * np.log10(choice.smoother.factor),) * 3)
 
 
 def test_marks_are_what_rules_choose(arm: Bench) -> None:
-    found = arm.curve(arm.start)
-    assert found.marks["S = n"] == (0.0,) * 3
-    assert np.abs(found.marks["GCV"]).max() < 0.2
-    assert -0.7 < min(found.marks["REML"]) <= max(found.marks["REML"]) < 0.0  # its prior is rougher than sines
-    assert found.joint is None
-    assert (np.diff(found.degrees) > 0).all()
-    assert found.errors[0] > found.errors.min() < found.errors[-1]
+    test_curve = arm.curve(arm.start)
+    assert test_curve.marks["S = n"] == (0.0,) * 3
+    assert np.abs(test_curve.marks["GCV"]).max() < 0.2
+    assert (
+        -0.7 < min(test_curve.marks["REML"]) <= max(test_curve.marks["REML"]) < 0.0
+    )  # its prior is rougher than sines
+    assert test_curve.joint is None
+    assert (np.diff(test_curve.degrees) > 0).all()
+    assert test_curve.errors[0] > test_curve.errors.min() < test_curve.errors[-1]
 
 
 def test_a_joint_alone_moves_alone(arm: Bench) -> None:
     tuning = arm.start.with_degree(1.4, 0)
-    found = arm.curve(tuning, JOINTS[1])
-    assert found.joint == JOINTS[1]
-    assert found.marks["torque"][0] == 1.4
-    assert found.marks["torque"][2] == tuning.degree[2]
-    assert arm.curve(tuning.with_degree(0.9, 1), JOINTS[1]) is found
+    test_curve = arm.curve(tuning, JOINTS[1])
+    assert test_curve.joint == JOINTS[1]
+    assert test_curve.marks["torque"][0] == 1.4
+    assert test_curve.marks["torque"][2] == tuning.degree[2]
+    assert arm.curve(tuning.with_degree(0.9, 1), JOINTS[1]) is test_curve
     assert arm.curve(tuning) is arm.curve(arm.start)
     with pytest.raises(ConfigError, match="there is no joint 'knee'"):
         arm.curve(tuning, "knee")
@@ -81,8 +83,8 @@ def test_a_joint_alone_moves_alone(arm: Bench) -> None:
 
 def test_wide_kernels_leave_the_curve_of_a_short_log() -> None:
     on = bench(logs(recording(1, 1.5)))
-    found = on.curve(on.start)
-    assert found.degrees[-1] < max(curve.DEGREES)
+    test_curve = on.curve(on.start)
+    assert test_curve.degrees[-1] < max(curve.DEGREES)
 
 
 def test_folds_together_are_all_samples() -> None:
@@ -132,30 +134,30 @@ def test_the_quick_fit_is_the_whole_one_but_for_the_bias_by_the_motion(
 ) -> None:
     monkeypatch.setattr(import_module("dynident.identification.identify"), "motion_errors", lambda *_, **how: None)
     tuning = change(arm.start)
-    quick, whole = arm.fit(tuning), identified(arm, tuning)
-    assert quick.estimate.names == whole.estimate.names
+    quick, identification = arm.fit(tuning), identified(arm, tuning)
+    assert quick.estimate.names == identification.estimate.names
     exact = 1e-5 if tuning.estimator == "consistent" else 1e-8  # the conic solver has its own precision
-    assert differing(quick, whole.estimate.value) < exact
-    assert quick.condition == pytest.approx(_condition(whole), rel=1e-6)
-    for one in whole.validations:
-        other = quick.logs[one.name]
-        assert other.error == pytest.approx(one.errors.relative_error, rel=exact)
-        assert other.by_joint == pytest.approx(dict(one.errors.per_joint), rel=exact)
-        assert other.motion.mask.tolist() == one.motion.mask.tolist()
+    assert differing(quick, identification.estimate.value) < exact
+    assert quick.condition == pytest.approx(_condition(identification), rel=1e-6)
+    for validation in identification.validations:
+        other = quick.logs[validation.name]
+        assert other.error == pytest.approx(validation.errors.relative_error, rel=exact)
+        assert other.by_joint == pytest.approx(dict(validation.errors.per_joint), rel=exact)
+        assert other.motion.mask.tolist() == validation.motion.mask.tolist()
 
 
-def _condition(found: Identification) -> float:
-    directions = found.estimate.determined.directions
+def _condition(identification: Identification) -> float:
+    directions = identification.estimate.determined.directions
     assert directions is not None
     return float(directions.values[0] / directions.values[directions.rank - 1])
 
 
 def test_the_bias_by_the_motion_is_in_the_whole_fit_alone(arm: Bench) -> None:
     tuning = arm.start.with_degree(1.0, 1)
-    whole = arm.identify(tuning)
-    assert any(isinstance(note, MotionCorrected) for note in whole.notes)
-    assert differing(arm.fit(tuning), whole.estimate.value) > 3.0
-    assert arm.identify(tuning) is whole
+    result = arm.identify(tuning)
+    assert any(isinstance(note, MotionCorrected) for note in result.notes)
+    assert differing(arm.fit(tuning), result.estimate.value) > 3.0
+    assert arm.identify(tuning) is result
 
 
 def test_the_start_is_what_was_found(arm: Bench) -> None:
@@ -174,13 +176,13 @@ def test_the_start_is_what_was_found(arm: Bench) -> None:
 def test_what_was_asked_before_is_known(arm: Bench) -> None:
     tuning = arm.start.with_degree(0.7)
     with ThreadPoolExecutor(4) as threads:
-        found = list(threads.map(arm.fit, [tuning] * 4))
-    assert all(one is found[0] for one in found)
+        result = list(threads.map(arm.fit, [tuning] * 4))
+    assert all(x is result[0] for x in result)
 
 
 def test_excluded_samples_are_smoothed_through_but_count_nowhere(arm: Bench) -> None:
     tuning = arm.start.exclude("log 1", 2.0, 4.0).exclude("log 2", 0.0, 4.0)
-    before, after = (arm.smooth(one, "log 1", JOINTS[0]) for one in (arm.start, tuning))
+    before, after = (arm.smooth(x, "log 1", JOINTS[0]) for x in (arm.start, tuning))
     np.testing.assert_array_equal(before.q, after.q)
     gone = (after.t >= 2.0) & (after.t <= 4.0)
     assert before.mask[gone].all()
@@ -262,8 +264,8 @@ def test_a_model_of_the_gallery_has_no_terms_to_switch() -> None:
     model = slider()
     theta = np.array([5.0, 8.0, 3.0, 0.5])
     given = logs(recording(3, 5.0, model=model, theta=theta))
-    found = bench(given, model=model).identification
-    on = Bench.of(model, given, found, switchable=False)
+    identification = bench(given, model=model).identification
+    on = Bench.of(model, given, identification, switchable=False)
     assert on.switches.kinds == ()
     assert on.start.terms == ((),)
     assert on.fit(on.start.with_degree(0.3)).estimate.names == model.names

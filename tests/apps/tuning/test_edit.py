@@ -52,10 +52,10 @@ def test_each_setting_is_said() -> None:
 def test_what_acts_on_joints_acts_on_all_or_on_one(arm: Bench) -> None:
     view = View.start(arm)
     assert set(apply_control(view, "degree", 1.5, arm).tuning.degree) == {1.5}
-    one = apply_control(view, "reach:one", None, arm)
-    assert one.alone
-    assert apply_control(one, "degree", "1.5", arm).tuning.degree == (1.5, *arm.start.degree[1:])
-    last = apply_control(one, f"joint:{arm.joints[-1]}", None, arm)
+    case = apply_control(view, "reach:one", None, arm)
+    assert case.alone
+    assert apply_control(case, "degree", "1.5", arm).tuning.degree == (1.5, *arm.start.degree[1:])
+    last = apply_control(case, f"joint:{arm.joints[-1]}", None, arm)
     assert apply_control(last, "min_speed", 0.2, arm).tuning.min_speed == (*arm.start.min_speed[:-1], 0.2)
     assert set(apply_control(view, "min_speed", None, arm).tuning.min_speed) == {0.0}
 
@@ -93,8 +93,8 @@ def test_a_mark_is_where_its_rule_chooses(arm: Bench) -> None:
     marks = arm.curve(arm.start).marks
     assert apply_control(View.start(arm), "mark:GCV", None, arm).tuning.degree == marks["GCV"]
     alone = replace(View.start(arm), alone=True)
-    found = apply_control(alone, "mark:GCV", None, arm).tuning.degree
-    assert found == (marks["GCV"][0], *arm.start.degree[1:])
+    degree = apply_control(alone, "mark:GCV", None, arm).tuning.degree
+    assert degree == (marks["GCV"][0], *arm.start.degree[1:])
 
 
 @pytest.mark.parametrize(

@@ -19,11 +19,11 @@ from dynident.apps.tuning.session import Session
 
 
 def test_a_zoom_is_drawn_finely(arm: Bench) -> None:
-    one = arm.smooth(arm.start, "log 1", arm.joints[0])
-    fine, coarse = motion_drawing(one, "rad", ()), motion_drawing(one, "rad", (), fine=False)
-    assert len(coarse.data[4]["x"]) <= MAX_COARSE_POINTS + 8 < len(one.t) <= MAX_POINTS + 400
+    motion = arm.smooth(arm.start, "log 1", arm.joints[0])
+    fine, coarse = motion_drawing(motion, "rad", ()), motion_drawing(motion, "rad", (), fine=False)
+    assert len(coarse.data[4]["x"]) <= MAX_COARSE_POINTS + 8 < len(motion.t) <= MAX_POINTS + 400
     assert np.nanmax(coarse.data[4]["y"]) == np.nanmax(fine.data[4]["y"])
-    zoomed = motion_drawing(one, "rad", (), (2.0, 2.5), fine=False)
+    zoomed = motion_drawing(motion, "rad", (), (2.0, 2.5), fine=False)
     inside = [(trace["x"] >= 2.0) & (trace["x"] <= 2.5) for trace in (zoomed.data[4], coarse.data[4])]
     assert inside[0].sum() > 2 * inside[1].sum()
 
@@ -38,7 +38,7 @@ def test_names_of_close_marks_stand_above_each_other() -> None:
     marks = {"REML": (-1.7,), "GCV": (-0.7,), "S = n": (0.0,), "torque": (0.05,), "far": (3.9,)}
     figure = curve_drawing(DegreeCurve(np.linspace(-2, 3, 6), np.ones(6), None, marks), 0.0, 0, alone=True)
     labels = figure.layout["annotations"]
-    assert [(one["text"], one["yshift"]) for one in labels] == [
+    assert [(label["text"], label["yshift"]) for label in labels] == [
         ("REML", 0), ("GCV", 14), ("S = n, torque", 28), ("far", 0),
     ]  # fmt: skip
     assert labels[-1]["x"] < 3.6, "it stays within the axis"
@@ -170,8 +170,8 @@ def test_the_application_answers_and_escapes(session: Session) -> None:
     assert client.get("/secret/alive").status_code == 204
     layout = client.get("/secret/_dash-layout").get_json()
     assert "Degree of smoothing, S/n" in json.dumps(layout)
-    found = client.post("/secret/act", json={"search": "", "control": "degree", "value": 1.0}).get_json()
-    assert found == {"search": "?degree=[1.0,1.0,1.0]", "words": ""}
+    test_json = client.post("/secret/act", json={"search": "", "control": "degree", "value": 1.0}).get_json()
+    assert test_json == {"search": "?degree=[1.0,1.0,1.0]", "words": ""}
     assert client.post("/secret/act", data="no").status_code == 415
     for nonsense in ("[" * 100_000, "{no"):
         answer = client.post("/secret/act", data=nonsense, content_type="application/json")

@@ -31,7 +31,7 @@ def switches() -> Switches:
 def test_what_is_not_changed_stays_as_it_was_written() -> None:
     made = switches()
     assert made.terms(made.start) == (GIVEN.terms[1], GIVEN.terms[2])
-    backwards = tuple(tuple(reversed(one)) for one in made.start)
+    backwards = tuple(tuple(reversed(x)) for x in made.start)
     assert made.with_terms(backwards).terms == GIVEN.terms
 
 
@@ -40,9 +40,11 @@ def test_kinds_are_switched_joint_by_joint() -> None:
     bodies, *terms, motor = made.with_terms((("viscous",), ("stribeck", "viscous"), ("coulomb", "offset"))).terms
     assert isinstance(bodies, RigidBodies)
     assert motor == MOTOR
-    on = {type(one).__name__: one.acts_on for one in terms if isinstance(one, Viscous | Coulomb | Stribeck | Offset)}
+    on = {
+        type(term).__name__: term.acts_on for term in terms if isinstance(term, Viscous | Coulomb | Stribeck | Offset)
+    }
     assert on == {"Viscous": ("shoulder", "rail"), "Stribeck": ("rail",), "Coulomb": ("twist",), "Offset": ("twist",)}
-    (coulomb,) = (one for one in terms if isinstance(one, Coulomb))
+    (coulomb,) = (term for term in terms if isinstance(term, Coulomb))
     assert coulomb.constant("width", "twist") == 0.02
     assert made.kinds == ("viscous", "coulomb", "stribeck", "offset")
     with pytest.raises(ModelError, match="shoulder: there is no term of kind 'stribeck'"):
@@ -60,15 +62,15 @@ TRUE = Model((*MODEL.terms, Stribeck(BODIES.joints, on=("twist",), velocity=0.15
 
 def test_sizes_are_those_that_explain_what_is_left() -> None:
     log = recording(1, model=TRUE, theta=np.append(THETA, 3.0))
-    found = identify(MODEL, [log], recipe=Recipe(Spline()))
-    offers = Offers.of(found.model, found.estimate.value, [found.validations[0].motion])
+    result = identify(MODEL, [log], recipe=Recipe(Spline()))
+    offers = Offers.of(result.model, result.estimate.value, [result.validations[0].motion])
     kinds = dict(offers.kinds_of_joint(2))
     (term,) = kinds["stribeck"]
     assert isinstance(term, Stribeck)
     assert 0.1 < float(term.constant("velocity", "twist")) < 0.25
     assert term.acts_on == ("twist",)
     assert {"viscous", "dahl", "load_coulomb", "spring", "power"} <= kinds.keys()
-    assert all(TERMS.kind_of(one) == kind for kind, some in kinds.items() for one in some)
+    assert all(TERMS.kind_of(x) == kind for kind, some in kinds.items() for x in some)
     # what the model has already gains nothing, whatever rounding leaves of its columns
     rows = offers.samples.keep[:, 2]
     own = columns_of(offers.samples, Viscous(BODIES.joints, on=("twist",)), 2, offers.loads)[:, rows]
@@ -77,6 +79,6 @@ def test_sizes_are_those_that_explain_what_is_left() -> None:
 
 
 def test_a_joint_of_which_nothing_is_fitted_has_offers_too() -> None:
-    found = identify(MODEL, [recording(1)], recipe=Recipe(Spline(), unfitted=("rail",)))
-    offers = Offers.of(found.model, found.estimate.value, [found.validations[0].motion])
+    result = identify(MODEL, [recording(1)], recipe=Recipe(Spline(), unfitted=("rail",)))
+    offers = Offers.of(result.model, result.estimate.value, [result.validations[0].motion])
     assert "stribeck" in dict(offers.kinds_of_joint(1))

@@ -68,11 +68,11 @@ def test_reaches_the_bound(name: str, level: float) -> None:
 
 
 def test_follows_the_transient_better_than_free_torques_allow() -> None:
-    found = estimate("stated", 1e-8, 0, start="rest")
+    result = estimate("stated", 1e-8, 0, start="rest")
     scenario = SCENARIOS["stated"]
     least = np.sqrt(np.diag(cramer_rao_bound(ARM, TRUE, scenario.truth, 1e-4, scenario.sigma_tau, rest=True)))
-    assert found.std[1] < 0.6 * least[1]
-    assert abs(found.value[1] - TRUE[1]) < 4 * found.std[1]
+    assert result.std[1] < 0.6 * least[1]
+    assert abs(result.value[1] - TRUE[1]) < 4 * result.std[1]
 
 
 def test_huber_bounds_outliers() -> None:
@@ -94,29 +94,29 @@ def test_coloured_torque_noise_is_reported() -> None:
     drift = np.zeros_like(log.tau)
     for k in range(1, len(drift)):
         drift[k] = 0.95 * drift[k - 1] + 0.05 * rng.standard_normal(2)
-    found = MaximumLikelihood(start="rest")(posed(replace(log, tau=log.tau + drift), 1e-6))
-    assert [type(note) for note in found.notes] == [NotWhite, ScatterLarger]
-    assert found.converged
+    result = MaximumLikelihood(start="rest")(posed(replace(log, tau=log.tau + drift), 1e-6))
+    assert [type(note) for note in result.notes] == [NotWhite, ScatterLarger]
+    assert result.converged
 
 
 def test_a_fast_recording_is_thinned() -> None:
     log = recording("stated", 1e-6, 1)
-    found = MaximumLikelihood(start="free", rate=150.0)(posed(log, 1e-6))
-    assert Averaged(3) in found.notes
-    assert found.residual.samples == len(log) // 3
-    np.testing.assert_allclose(found.value[3:], TRUE[3:], rtol=0.1)
+    result = MaximumLikelihood(start="free", rate=150.0)(posed(log, 1e-6))
+    assert Averaged(3) in result.notes
+    assert result.residual.samples == len(log) // 3
+    np.testing.assert_allclose(result.value[3:], TRUE[3:], rtol=0.1)
 
 
 def test_late_positions() -> None:
     """Positions that are stamped two samples late, with the time offset known and without."""
     log = recording("stated", 1e-6, 1).window(0.25)
-    late = Log(log.t[2:], log.q[:-2], log.tau[2:], log.joints)
+    test_log = Log(log.t[2:], log.q[:-2], log.tau[2:], log.joints)
     time_offset = float(log.t[2] - log.t[0])
-    motions = (TimeShifted(Spline(), time_offset)(late),)
-    given = Problem(ARM, motions, Regression(ARM, motions), (late,), time_offset)
-    known, unknown = MaximumLikelihood()(given), MaximumLikelihood()(replace(given, time_offset=0.0))
-    assert (np.abs(known.value - TRUE) < 4 * known.std).all()
-    assert np.abs(unknown.value - TRUE).max() > np.abs(known.value - TRUE).max()
+    motions = (TimeShifted(Spline(), time_offset)(test_log),)
+    given = Problem(ARM, motions, Regression(ARM, motions), (test_log,), time_offset)
+    reference, unknown = MaximumLikelihood()(given), MaximumLikelihood()(replace(given, time_offset=0.0))
+    assert (np.abs(reference.value - TRUE) < 4 * reference.std).all()
+    assert np.abs(unknown.value - TRUE).max() > np.abs(reference.value - TRUE).max()
     assert not (np.abs(unknown.value - TRUE) < 4 * unknown.std).all()
 
 
@@ -159,40 +159,40 @@ class TestBodies:
     def test_base_parameters_are_found(self, width: float) -> None:
         """Those that the motion shows, within four standard errors; the rest is the nominal bodies', and says so."""
         given = self.problem(width)
-        found = MaximumLikelihood()(given)
+        result = MaximumLikelihood()(given)
         truth = np.asarray(given.model.values)
         basis = structural_base_parameters(given.model)
-        error = basis.combination @ (found.value - truth)
-        assert (np.abs(error) < 4 * informed_std(basis, found.information)).all()
+        error = basis.combination @ (result.value - truth)
+        assert (np.abs(error) < 4 * informed_std(basis, result.information)).all()
         assert not any(
-            isinstance(note, ScatterLarger) for note in found.notes
+            isinstance(note, ScatterLarger) for note in result.notes
         )  # the residuals are white, whatever the rank
-        assert found.determined.rank == basis.rank
-        assert not found.residual.correlated
-        assert set(found.provenance) == {"data", "prior"}
-        assert np.isinf(found.std[np.array(found.provenance) == "prior"]).all()
-        assert RankDeficient(basis.rank, len(truth)) in found.notes
-        assert min(found.consistency.eigenvalues.values()) > 0
-        assert found.value[given.model.names.index("upper.mass")] == pytest.approx(2.0, rel=0.5)
+        assert result.determined.rank == basis.rank
+        assert not result.residual.correlated
+        assert set(result.provenance) == {"data", "prior"}
+        assert np.isinf(result.std[np.array(result.provenance) == "prior"]).all()
+        assert RankDeficient(basis.rank, len(truth)) in result.notes
+        assert min(result.consistency.eigenvalues.values()) > 0
+        assert result.value[given.model.names.index("upper.mass")] == pytest.approx(2.0, rel=0.5)
 
     @pytest.mark.parametrize("noise", [[1e-4, 1e-4], [1e-4, 0.0]], ids=["noise", "exactly"])
     def test_a_joint_that_stands_still_keeps_its_friction(self, noise: list[float]) -> None:
         """Nothing but noise shows it, so that nothing may move it far: neither tiny velocities nor the barrier."""
         given = self.problem(still=True, noise=np.array(noise))
-        found = MaximumLikelihood()(given)
+        result = MaximumLikelihood()(given)
         names = given.model.names
         start = PhysicallyConsistent(costs=False)(given).value
         for name in ("Fv_elbow", "Fc_elbow"):
             k = names.index(name)
             if not noise[1]:
-                assert found.value[k] == start[k]
-            assert found.value[k] < 10
-            assert found.std[k] > 1
+                assert result.value[k] == start[k]
+            assert result.value[k] < 10
+            assert result.std[k] > 1
         for name in ("Fv_shoulder", "Fc_shoulder"):
             k = names.index(name)
-            assert abs(found.value[k] - given.model.values[k]) < 4 * found.std[k]
-        assert found.converged
-        assert not any(isinstance(note, SmoothSigns) for note in found.notes)
+            assert abs(result.value[k] - given.model.values[k]) < 4 * result.std[k]
+        assert result.converged
+        assert not any(isinstance(note, SmoothSigns) for note in result.notes)
 
     def test_a_motion_that_was_smoothed_too_much_does_not_widen_the_knots(self) -> None:
         usual, smooth = (MaximumLikelihood()(self.problem(0.02, factor)) for factor in (1.0, 6.0))
@@ -236,15 +236,15 @@ def axes(
     model, rate = Model(tuple(kind(joints, values=(value,) * len(a)) for kind, value in terms)), 2 * np.pi * 0.7
     q, dq, ddq = a * np.sin(rate * t), a * rate * np.cos(rate * t), -a * rate**2 * np.sin(rate * t)
     tau = model.torque(q, dq, ddq, np.array(model.values)) + (0.05 if short else 0.5) * rng.standard_normal(q.shape)
-    log = Log(t[:, 0], q + 1e-4 * (a > 0) * rng.standard_normal(q.shape), tau, tuple(one.name for one in joints))
+    log = Log(t[:, 0], q + 1e-4 * (a > 0) * rng.standard_normal(q.shape), tau, tuple(x.name for x in joints))
     motions = (Spline()(log),)
     return Problem(model, motions, Regression(model, motions), (log,))
 
 
 def test_a_joint_that_stands_still_does_not_spoil_the_other() -> None:
-    found, other = MaximumLikelihood()(axes(0.3, 1.0, (1.0, 0.0))), [0, 2, 4]
-    assert found.determined.rank < 6
-    assert (np.abs(found.value[other] - (0.5, 0.3, 1.0)) < 4 * found.std[other]).all()
+    result, other = MaximumLikelihood()(axes(0.3, 1.0, (1.0, 0.0))), [0, 2, 4]
+    assert result.determined.rank < 6
+    assert (np.abs(result.value[other] - (0.5, 0.3, 1.0)) < 4 * result.std[other]).all()
 
 
 def test_few_samples_do_not_make_wide_knots_look_right() -> None:
@@ -268,9 +268,9 @@ def test_the_noise_of_the_torque_is_found(make: Callable[[], Model], noise: floa
         motion = multisine_motion(model, noise=level, seed=seed, samples=1000)
         q = motion.q + noise * np.random.default_rng(seed).standard_normal(motion.q.shape)
         log = Log(motion.t, q, motion.tau, motion.joints)
-        found = MaximumLikelihood(spacing=spacing)(replace(make_problem(model, motion), logs=(log,)))
-        sigma += [found.residual.sigma, 1 / found.residual.weights]
-        error.append((found.value - truth(model)) / found.std)
+        result = MaximumLikelihood(spacing=spacing)(replace(make_problem(model, motion), logs=(log,)))
+        sigma += [result.residual.sigma, 1 / result.residual.weights]
+        error.append((result.value - truth(model)) / result.std)
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(sigma), axis=0)), level, rtol=0.05)
     assert chi2.sf(np.square(error).sum(), np.size(error)) > 1e-3
 
@@ -282,8 +282,8 @@ class TestIntervals:
         hit = []
         for seed in range(runs):
             problem = axes(viscous, offset, seed=seed)
-            found, true = MaximumLikelihood()(problem), problem.model.values
-            hit.append((found.interval[:, 0] <= true) & (true <= found.interval[:, 1]))
+            result, true = MaximumLikelihood()(problem), problem.model.values
+            hit.append((result.interval[:, 0] <= true) & (true <= result.interval[:, 1]))
         return np.mean(hit, axis=0)
 
     def test_of_a_parameter_that_may_have_any_sign(self) -> None:
@@ -306,20 +306,20 @@ def test_a_moving_start_is_noticed() -> None:
 
 
 def test_intervals_are_by_profile_likelihood_where_information_is_weak() -> None:
-    found = estimate("weak", 1e-4, 0, start="rest", profile=0.15)
-    below, above = found.value - found.interval[:, 0], found.interval[:, 1] - found.value
+    result = estimate("weak", 1e-4, 0, start="rest", profile=0.15)
+    below, above = result.value - result.interval[:, 0], result.interval[:, 1] - result.value
     assert abs(above[1] - below[1]) > 0.01 * above[1]
-    assert found.interval[1, 0] > 0
-    np.testing.assert_allclose(above[3:], 1.96 * found.std[3:], rtol=0.25)  # they bend with the others
-    np.testing.assert_allclose(above[5:], 1.96 * found.std[5:], rtol=0.1)
+    assert result.interval[1, 0] > 0
+    np.testing.assert_allclose(above[3:], 1.96 * result.std[3:], rtol=0.25)  # they bend with the others
+    np.testing.assert_allclose(above[5:], 1.96 * result.std[5:], rtol=0.1)
 
 
 def test_a_search_that_is_cut_short_is_not_converged() -> None:
-    found = estimate("weak", 1e-4, 0, iterations=1, rounds=1)
-    (note,) = [note for note in found.notes if isinstance(note, NotConverged)]
-    assert not found.converged
+    result = estimate("weak", 1e-4, 0, iterations=1, rounds=1)
+    (note,) = [note for note in result.notes if isinstance(note, NotConverged)]
+    assert not result.converged
     assert (note.iterations, note.gain > 0) == (1, True)
-    assert found.interval is None
+    assert result.interval is None
 
 
 def test_failure_returns_the_start_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -327,10 +327,10 @@ def test_failure_returns_the_start_and_says_so(monkeypatch: pytest.MonkeyPatch) 
         raise np.linalg.LinAlgError("no luck")
 
     monkeypatch.setattr(newton, "_newton_step", fails)
-    found = estimate("stated", 1e-6, 0)
-    assert found.notes == (Failed("no luck"),)
-    assert not found.converged
-    np.testing.assert_allclose(found.value, TRUE, rtol=0.3)
+    result = estimate("stated", 1e-6, 0)
+    assert result.notes == (Failed("no luck"),)
+    assert not result.converged
+    np.testing.assert_allclose(result.value, TRUE, rtol=0.3)
     given = TestBodies().problem(0.02)
     assert not MaximumLikelihood()(given).consistency.costs  # of which nothing is shown
 
@@ -376,12 +376,12 @@ def test_what_the_motion_does_not_show_stays_at_the_start(way: float, noise: flo
     log = Log(t[:, 0], q + noise * rng.standard_normal(q.shape), tau, ("a", "b"))
     motions = (Spline()(log),)
     given = Problem(model, motions, Regression(model, motions), (log,))
-    found, start = MaximumLikelihood()(given), LeastSquares()(given)
+    result, start = MaximumLikelihood()(given), LeastSquares()(given)
     undetermined = ("Fc_b", "offset_b") if way else ("Ia_b", "Fv_b", "Fc_b")
-    assert found.converged
-    assert set(found.notes) == {RankDeficient(8 - (1 if way else 3), 8), NotAlone(undetermined)}
-    sure = np.isfinite(found.std)
-    assert [name for name, one in zip(model.names, sure, strict=True) if not one] == list(undetermined)
-    assert (np.abs(found.value - model.values) < 4 * found.std)[sure].all()
-    np.testing.assert_allclose(found.std[sure], start.std[sure], rtol=0.6)
-    np.testing.assert_allclose(found.value[~sure], start.value[~sure], atol=0.01)
+    assert result.converged
+    assert set(result.notes) == {RankDeficient(8 - (1 if way else 3), 8), NotAlone(undetermined)}
+    sure = np.isfinite(result.std)
+    assert [name for name, x in zip(model.names, sure, strict=True) if not x] == list(undetermined)
+    assert (np.abs(result.value - model.values) < 4 * result.std)[sure].all()
+    np.testing.assert_allclose(result.std[sure], start.std[sure], rtol=0.6)
+    np.testing.assert_allclose(result.value[~sure], start.value[~sure], atol=0.01)

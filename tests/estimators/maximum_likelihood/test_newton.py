@@ -38,8 +38,8 @@ def step_of(theta: list[float], pull: list[float], decrement: float) -> newton._
 def improved(along: Along, slope: float, decrement: float) -> float | None:
     """Return where a step of one from zero leads, at which the cost falls by ``slope``."""
     start, step = SearchPoint((), np.zeros(1), along.cost(0.0)), step_of([1.0], [slope], decrement)
-    found = newton._improve(along, start, step, None)[1]
-    return None if found is None else float(found.theta[0])
+    result = newton._improve(along, start, step, None)[1]
+    return None if result is None else float(result.theta[0])
 
 
 def test_a_step_ends_at_the_minimum_of_a_parabola() -> None:
@@ -72,9 +72,9 @@ def test_conjugate_steps_find_the_minimum_of_a_quadratic_in_as_many_as_it_has_un
 def test_the_end_is_near_the_limit_and_does_not_depend_on_the_tolerance() -> None:
     arm, theta = two_link_arm(), np.asarray(two_link_arm().values)
     log = SCENARIOS["stated"].record(1e-6, np.random.default_rng(0)).log.window(stop=2.0)
-    one, sigma = plan_segment(log, (), 40.0, np.full(2, 0.1), from_rest=True), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
-    likelihood = Likelihood(arm, (one,), sigma, Barrier(), np.eye(7), RegressorColumns.all(7))
-    states = (one.initial_state(sigma.q, np.full(2, 30.0)),)
+    case, sigma = plan_segment(log, (), 40.0, np.full(2, 0.1), from_rest=True), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+    likelihood = Likelihood(arm, (case,), sigma, Barrier(), np.eye(7), RegressorColumns.all(7))
+    states = (case.initial_state(sigma.q, np.full(2, 30.0)),)
     limit, rough = (
         newton.maximise(likelihood, states, 1.05 * theta, newton.NewtonSettings(tolerance, newton=False))
         for tolerance in (1e-9, 1e-4)
@@ -83,5 +83,5 @@ def test_the_end_is_near_the_limit_and_does_not_depend_on_the_tolerance() -> Non
     assert rough.iterations < limit.iterations
     std = np.sqrt(np.diag(np.linalg.inv(limit.information)))
     np.testing.assert_allclose((rough.theta - limit.theta) / std, 0.0, atol=1e-3)
-    for a, b in zip(rough.extrapolate((one,), rough.theta), rough.states, strict=True):
+    for a, b in zip(rough.extrapolate((case,), rough.theta), rough.states, strict=True):
         np.testing.assert_allclose(a.C, b.C, rtol=0, atol=1e-9)

@@ -76,7 +76,7 @@ def posed(*sizes: int, min_speed: tuple[float, float] | None = None) -> Problem:
     for seed, n in enumerate(sizes):
         q, dq, ddq, tau = np.random.default_rng(seed).normal(size=(4, n, 2)) * np.array([1.0, 30.0])
         motions.append(Motion(np.arange(n) * 0.01, q, dq, ddq, tau, ("a", "b"), np.ones(n, dtype=bool)))
-    logs = tuple(Log(one.t, one.q, one.tau, one.joints) for one in motions)
+    logs = tuple(Log(motion.t, motion.q, motion.tau, motion.joints) for motion in motions)
     return Problem(
         MODEL, tuple(motions), Regression(MODEL, tuple(motions), selection=Selection(min_speed=min_speed)), logs
     )
@@ -84,23 +84,23 @@ def posed(*sizes: int, min_speed: tuple[float, float] | None = None) -> Problem:
 
 def test_the_usual_acceleration_is_ten_deviations_of_the_motion_where_it_is_largest() -> None:
     given = posed(60, 80)
-    found, notes = recordings(given, None, steps=False)
-    expected = 10 * np.max([np.std(one.ddq, axis=0) for one in given.motions], axis=0)
-    np.testing.assert_allclose(found.usual_acceleration, expected, rtol=1e-9)
+    result, notes = recordings(given, None, steps=False)
+    expected = 10 * np.max([np.std(motion.ddq, axis=0) for motion in given.motions], axis=0)
+    np.testing.assert_allclose(result.usual_acceleration, expected, rtol=1e-9)
     assert notes == []
-    assert found.steps == ((), ())
+    assert result.steps == ((), ())
 
 
 @pytest.mark.parametrize(("rate", "group"), [(100.0, 1), (99.0, 2), (34.0, 3), (33.0, 1)])
 def test_neighbours_are_averaged_down_to_the_rate_where_twenty_samples_are_left(rate: float, group: int) -> None:
     given = posed(62, 80, min_speed=(0.5, 0.0))
-    found, notes = recordings(given, rate, steps=False)
+    result, notes = recordings(given, rate, steps=False)
     assert notes == ([] if group == 1 else [Averaged(group)])
-    for log, was, motion, used in zip(found.logs, given.logs, given.motions, found.used_torques, strict=True):
+    for log, was, motion, used in zip(result.logs, given.logs, given.motions, result.used_torques, strict=True):
         count = len(was) // group
         for name in ("t", "q", "tau"):
-            whole = getattr(was, name)[: count * group]
-            expected = [whole[k * group : (k + 1) * group].mean(axis=0) for k in range(count)]
+            full = getattr(was, name)[: count * group]
+            expected = [full[k * group : (k + 1) * group].mean(axis=0) for k in range(count)]
             np.testing.assert_allclose(getattr(log, name), expected, rtol=1e-12)
         fast = (np.abs(motion.dq) >= (0.5, 0.0))[: count * group]
         np.testing.assert_array_equal(used, [fast[k * group : (k + 1) * group].all(axis=0) for k in range(count)])

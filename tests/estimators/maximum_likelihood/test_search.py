@@ -31,17 +31,17 @@ def search(*, coloured: bool, used: bool = True) -> LikelihoodSearch:
     return LikelihoodSearch(model, given, Barrier(), NewtonSettings(), np.eye(4), THETA, sigma)
 
 
-def intervals(found: LikelihoodSearch) -> int:
-    found.choose_knots(None, from_rest=False, condense=False)
-    (segment,) = found.segments
+def intervals(result: LikelihoodSearch) -> int:
+    result.choose_knots(None, from_rest=False, condense=False)
+    (segment,) = result.segments
     return len(segment.trajectory.first_coefficient)
 
 
 def test_white_positions_decide() -> None:
     """The widest spacing that follows the motion, whatever narrower ones would do."""
-    found = search(coloured=False)
-    assert intervals(found) == 2000 / 40
-    assert found.sigma.q[0] == pytest.approx(1e-4, rel=0.05)
+    outcome = search(coloured=False)
+    assert intervals(outcome) == 2000 / 40
+    assert outcome.sigma.q[0] == pytest.approx(1e-4, rel=0.05)
 
 
 def test_the_torque_decides_where_positions_are_never_white() -> None:
@@ -57,12 +57,12 @@ def test_without_any_torque_there_are_knots_all_the_same() -> None:
 def test_the_scatter_is_that_of_the_scores_of_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of two halves, which contribute the same, as their sum is zero at the optimum."""
     monkeypatch.setattr("dynident.estimators.maximum_likelihood.search.SCORE_CLUSTERS", 2)
-    found = search(coloured=False)
-    found.choose_knots(None, from_rest=False, condense=False)
-    fit, (segment,) = found.run(), found.segments
-    inverse, hypothesis = np.linalg.inv(fit.information), Hypothesis(found.model, fit.theta, found.sigma)
+    outcome = search(coloured=False)
+    outcome.choose_knots(None, from_rest=False, condense=False)
+    fit, (segment,) = outcome.run(), outcome.segments
+    inverse, hypothesis = np.linalg.inv(fit.information), Hypothesis(outcome.model, fit.theta, outcome.sigma)
     pulls = scores(segment, hypothesis, fit.states[0], fit.segments[0].sensitivity @ fit.columns.combination)
-    std, count = found.sandwich_std(fit, inverse)
+    std, count = outcome.sandwich_std(fit, inverse)
     np.testing.assert_allclose(std, np.sqrt(2) * np.abs(pulls[: len(pulls) // 2].sum(axis=0) @ inverse), rtol=1e-6)
     np.testing.assert_allclose(count, 2.0, rtol=1e-6)
 
@@ -105,28 +105,28 @@ class TestProfile:
             first.append(y)
             return (side * 0.5, -1.0) if len(first) == 1 else (side * 3.0, 2.0)
 
-        found = crossing(root, 0.4, side)
-        assert min(first[:2]) < found < max(first[:2])
+        result = crossing(root, 0.4, side)
+        assert min(first[:2]) < result < max(first[:2])
 
     @pytest.mark.parametrize("count", [0, 1, 2, 5])
     def test_swept_intervals_of_a_normal_likelihood_are_symmetric(self, count: int) -> None:
         covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
         theta = np.array([3.0, 7.0])
         path = [(r, theta + r * covariance[:, 0] / 2) for r in np.linspace(-2, 2, count + 1)[1:]]
-        found = sweep_intervals(theta, path, covariance, 0)
+        result = sweep_intervals(theta, path, covariance, 0)
         expected = theta[:, None] + NORMAL_95 * np.array([[-2.0, 2.0], [-1.0, 1.0]])
-        np.testing.assert_allclose(found, expected, rtol=1e-3)
+        np.testing.assert_allclose(result, expected, rtol=1e-3)
 
     def test_a_fit_as_likely_as_the_estimate_does_not_bend_the_valley(self) -> None:
         covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
-        found = sweep_intervals(
+        result = sweep_intervals(
             np.zeros(2), [(0.001, np.array([2.0, -1.0])), (-1.9, np.array([-3.8, -1.425]))], covariance, 0
         )
-        np.testing.assert_allclose(found, NORMAL_95 * np.array([[-2.0, 2.0], [-1.0, 1.0]]), rtol=1e-3)
+        np.testing.assert_allclose(result, NORMAL_95 * np.array([[-2.0, 2.0], [-1.0, 1.0]]), rtol=1e-3)
 
     def test_swept_intervals_bend_with_the_valley(self) -> None:
         covariance = np.array([[1.0, 1.0], [1.0, 1.0]])
         path = [(r, np.array([r, r + 0.1 * r**2])) for r in (-1.5, 2.5)]
-        found = sweep_intervals(np.zeros(2), path, covariance, 0)
+        result = sweep_intervals(np.zeros(2), path, covariance, 0)
         expected = [[-NORMAL_95, NORMAL_95], [-NORMAL_95 + 0.1 * NORMAL_95**2, NORMAL_95 + 0.1 * NORMAL_95**2]]
-        np.testing.assert_allclose(found, expected, rtol=1e-9)
+        np.testing.assert_allclose(result, expected, rtol=1e-9)

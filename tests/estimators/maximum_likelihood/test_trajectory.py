@@ -17,10 +17,10 @@ class TestTrajectory:
         t = np.sort(rng.uniform(0, 1, 50))
         local, first = path.local(t), path.first_coefficient[path.interval(t)]
         for order in range(3):
-            whole = np.zeros((50, path.size))
-            whole[np.arange(50)[:, None], first[:, None] + np.arange(5)] = local[order]
+            zeros = np.zeros((50, path.size))
+            zeros[np.arange(50)[:, None], first[:, None] + np.arange(5)] = local[order]
             spline = BSpline(path.knots, np.eye(path.size), DEGREE)
-            np.testing.assert_allclose(whole, spline.derivative(order)(t) if order else spline(t), atol=1e-10)
+            np.testing.assert_allclose(zeros, spline.derivative(order)(t) if order else spline(t), atol=1e-10)
 
     def test_breaks_are_dense_after_a_step(self) -> None:
         breaks = graded_breaks((0.0, 10.0), [3.0], 0.01, 0.5, 1.3)
@@ -37,15 +37,15 @@ T = np.linspace(0.0, 1.0, 41)
 
 @pytest.mark.parametrize("rest", [False, True])
 def test_its_products_are_those_of_its_values(rest: bool) -> None:
-    one = basis(SplineTrajectory(np.linspace(0, 1, 6)), T, from_rest=rest)
-    C = np.random.default_rng(0).standard_normal((one.trajectory.size, 2))
-    q, dq, _ = one.motion(C)
-    np.testing.assert_allclose(one.values @ C, q, atol=1e-14)
-    np.testing.assert_allclose(one.by_interval(q).sum(axis=0), q.sum(axis=0))
-    whole = (one.values.T @ one.values).toarray()
-    np.testing.assert_allclose(one.products.toarray(), whole, atol=1e-14)
-    for d, row in enumerate(one.gram_band):
-        np.testing.assert_allclose(row[: len(row) - d], np.diagonal(whole, -d), atol=1e-14)
+    case = basis(SplineTrajectory(np.linspace(0, 1, 6)), T, from_rest=rest)
+    C = np.random.default_rng(0).standard_normal((case.trajectory.size, 2))
+    q, dq, _ = case.motion(C)
+    np.testing.assert_allclose(case.values @ C, q, atol=1e-14)
+    np.testing.assert_allclose(case.by_interval(q).sum(axis=0), q.sum(axis=0))
+    full = (case.values.T @ case.values).toarray()
+    np.testing.assert_allclose(case.products.toarray(), full, atol=1e-14)
+    for d, row in enumerate(case.gram_band):
+        np.testing.assert_allclose(row[: len(row) - d], np.diagonal(full, -d), atol=1e-14)
     assert (np.abs(dq[0]) < 1e-12).all() == rest
 
 

@@ -52,12 +52,12 @@ def recorded(law: Law, seed: int, noise: float = 0.05, rows: int = 4000) -> Moti
     unit of SIZE; ``noise`` is that of the torque, half white, half below 4 Hz, relative to the size of the friction."""
     t, q, dq, ddq = states(seed, rows)
     arm, rng = Model((bodies(),)), np.random.default_rng(seed + 1)
-    theta = 1.1 * np.array([one.value for one in arm.parameters])
+    theta = 1.1 * np.array([parameter.value for parameter in arm.parameters])
     load = arm.torque(q, dq, ddq, theta)
     slow = zero_phase(butterworth(2, 4.0, 200.0), rng.normal(size=q.shape), 6, axis=0)
     error = rng.normal(size=q.shape) + slow / slow.std(axis=0)
     tau = load + SIZE * (law(t, q, dq, load) + noise / np.sqrt(2) * error)
-    return Motion(t, q, dq, ddq, tau, tuple(one.name for one in bodies().joints), np.ones(len(t), bool))
+    return Motion(t, q, dq, ddq, tau, tuple(x.name for x in bodies().joints), np.ones(len(t), bool))
 
 
 def viscous(t: Array, q: Array, dq: Array, load: Array) -> Array:

@@ -24,14 +24,14 @@ def test_the_regressor_of_the_whole_is_that_of_the_parts() -> None:
             Ripple(JOINTS, on=("c",), cycles=(7.0,)),
         ],
     ]
-    whole = Model(combine_terms(JOINTS, parts))
-    single = {one.parameters[k].name: one.regressor for some in parts for one in some for k in [0]}
+    full = Model(combine_terms(JOINTS, parts))
+    single = {x.parameters[k].name: x.regressor for some in parts for x in some for k in [0]}
     q, dq, ddq = np.random.default_rng(0).normal(size=(3, 20, 3))
-    Y = whole.regressor(q, dq, ddq)
-    assert [type(one).__name__ for one in whole.terms] == ["Viscous", "Coulomb", "Ripple"]
-    assert len(whole.names) == 8
+    Y = full.regressor(q, dq, ddq)
+    assert [type(term).__name__ for term in full.terms] == ["Viscous", "Coulomb", "Ripple"]
+    assert len(full.names) == 8
     for name, regressor in single.items():
-        assert np.allclose(Y[:, :, whole.names.index(name)], regressor(q, dq, ddq)[:, :, 0])
+        assert np.allclose(Y[:, :, full.names.index(name)], regressor(q, dq, ddq)[:, :, 0])
 
 
 @pytest.mark.parametrize(
@@ -42,14 +42,14 @@ def test_grids_are_geometric(grid: tuple[float, ...], first: float, last: float)
 
 
 def test_ripples_of_one_joint_keep_their_delays() -> None:
-    early, late = (Ripple(JOINTS, on=("c",), cycles=(k,), delay=d) for k, d in ((10.0, -0.002), (7.0, 0.004)))
+    early, delayed = (Ripple(JOINTS, on=("c",), cycles=(k,), delay=d) for k, d in ((10.0, -0.002), (7.0, 0.004)))
     elsewhere = Ripple(JOINTS, on=("a",), cycles=(5.0,), delay=0.001)
-    found = combine_terms(JOINTS, [[elsewhere], [], [early, late]])
-    assert [one.acts_on for one in found] == [("a", "c"), ("c",)]  # type: ignore[attr-defined]
+    result = combine_terms(JOINTS, [[elsewhere], [], [early, delayed]])
+    assert [x.acts_on for x in result] == [("a", "c"), ("c",)]  # type: ignore[attr-defined]
     q, dq, ddq = np.random.default_rng(0).normal(size=(3, 20, 3))
-    whole = Model(found).regressor(q, dq, ddq)
-    parts = Model((elsewhere, early, late)).regressor(q, dq, ddq)
-    assert np.allclose(whole, parts)
+    regressor = Model(result).regressor(q, dq, ddq)
+    parts = Model((elsewhere, early, delayed)).regressor(q, dq, ddq)
+    assert np.allclose(regressor, parts)
 
 
 Array = NDArray[np.float64]
@@ -72,9 +72,9 @@ def test_the_rate_of_a_ripple_is_found() -> None:
 
 
 def test_so_is_its_delay() -> None:
-    found = largest_lines(left(noisy(np.sin(120.3 * (Q - 0.007 * DQ)))), 200.0)
-    assert found
-    for k, d in found:
+    result = largest_lines(left(noisy(np.sin(120.3 * (Q - 0.007 * DQ)))), 200.0)
+    assert result
+    for k, d in result:
         assert k == pytest.approx(120.3, abs=0.2)
         assert d == pytest.approx(0.007, abs=0.0011)
 
@@ -86,8 +86,8 @@ def test_whole_rates_are_preferred_where_the_joint_turns() -> None:
 
 
 def test_a_ripple_of_one_block_alone_is_found_by_the_others() -> None:
-    one = np.where(BLOCK == 3, 3.0 * np.sin(45.0 * Q), np.sin(90.0 * Q))
-    assert max(largest_lines(left(one), 200.0))[0] == pytest.approx(90.0, abs=0.5)
+    case = np.where(BLOCK == 3, 3.0 * np.sin(45.0 * Q), np.sin(90.0 * Q))
+    assert max(largest_lines(left(case), 200.0))[0] == pytest.approx(90.0, abs=0.5)
 
 
 def test_a_joint_that_stands_has_none() -> None:

@@ -36,13 +36,13 @@ def chosen(law: str, kinds: tuple[CandidateKind, ...] = KINDS) -> TermChoice:
 
 
 def classes(choice: TermChoice, joint: str) -> set[str]:
-    return {type(one).__name__ for one in choice.terms if joint in one.acts_on}  # type: ignore[attr-defined]
+    return {type(term).__name__ for term in choice.terms if joint in term.acts_on}  # type: ignore[attr-defined]
 
 
 def test_shape_constants_are_those_of_the_law() -> None:
-    (widths,) = (one for one in chosen("wide", PLAIN).terms if isinstance(one, Coulomb))
+    (widths,) = (term for term in chosen("wide", PLAIN).terms if isinstance(term, Coulomb))
     assert [widths.constant("width", name) for name in widths.acts_on] == pytest.approx([0.1] * 3, rel=0.4)
-    (term,) = (one for one in chosen("ripple", PLAIN).terms if isinstance(one, Ripple))
+    (term,) = (term for term in chosen("ripple", PLAIN).terms if isinstance(term, Ripple))
     rates = [term.constant("cycles", name)[0] for name in term.acts_on]
     assert rates == pytest.approx([32.0] * 3, rel=0.005)  # right also where the motion did not go
 
@@ -75,20 +75,20 @@ def test_the_choice_is_the_same_again_and_progress_counts_up() -> None:
         first, again = (choose_terms(Model((bodies(),)), [recorded(simulated.wide, 1)], kinds=PLAIN) for _ in range(2))
     assert again == first
     steps = steps[: len(steps) // 2]
-    done = [one.completed for one in steps if isinstance(one, Step)]
+    done = [step.completed for step in steps if isinstance(step, Step)]
     assert done == sorted(done)
     assert len(done) > 3
 
 
 def test_what_was_tried_is_told_with_gain_and_error() -> None:
     choice = chosen("dahl")
-    trials = {one.kind: one for one in choice.trials_of("j2")}
+    trials = {x.kind: x for x in choice.trials_of("j2")}
     assert trials["dahl"].outcome is TrialOutcome.ENTERED
     assert trials["dahl"].gain > 2.0 * trials["dahl"].std > 0
     assert trials["dahl"].faster > 2.0 * trials["dahl"].faster_std > 0
     assert dict(trials["dahl"].settings)["length"] == pytest.approx(0.02, rel=0.5)
     assert trials["stribeck"].outcome in (TrialOutcome.TOO_SMALL, TrialOutcome.NEGATIVE, TrialOutcome.WITHIN_ERROR)
-    assert {one.kind for one in choice.trials_of("j2")} >= {kind.name for kind in library_kinds()} - {
+    assert {x.kind for x in choice.trials_of("j2")} >= {kind.name for kind in library_kinds()} - {
         "offset",
         "viscous",
         "rotor",
@@ -111,7 +111,7 @@ def test_what_was_tried_is_told_with_gain_and_error() -> None:
 )
 def test_sizes_are_shares_of_the_excitation(kind: str, constant: str, sizes: list[float]) -> None:
     """And drift is tried on long recordings alone."""
-    (tried,) = (one for one in library_kinds() if one.name == kind)
+    (tried,) = (library_kind for library_kind in library_kinds() if library_kind.name == kind)
     joint = Joint("j1")
     short, long = (JointExcitation((joint,), joint, 2.0, 3.0, seconds) for seconds in (17.9, 18.0))
     assert [term.constant(constant, "j1") for term in tried.sizes(long)] == pytest.approx(sizes, rel=1e-6)
@@ -130,7 +130,7 @@ def test_a_term_that_the_model_has_is_not_tried() -> None:
     joints = bodies().joints
     model = Model((bodies(), Viscous(joints)))
     choice = choose_terms(model, [recorded(simulated.coulomb, 1)], kinds=PLAIN)
-    assert "viscous" not in {one.kind for one in choice.trials}
+    assert "viscous" not in {trial.kind for trial in choice.trials}
     assert model.with_terms(*choice.terms).names.count("Fv_j1") == 1
 
 
@@ -168,7 +168,7 @@ def test_dry_friction_stays_at_a_joint_whose_torque_is_fitted_one_way_alone(law:
     keep = (motion.dq > 0.3) | np.array([True, False, True])
     choice = choose_terms(Model((bodies(),)), [replace(motion, keep=keep)], kinds=FEW)
     assert classes(choice, "j2") & {"Coulomb", "LoadCoulomb"} == {dry}
-    kept = [(one.joint, one.kind) for one in choice.trials if one.outcome is TrialOutcome.KEPT]
+    kept = [(trial.joint, trial.kind) for trial in choice.trials if trial.outcome is TrialOutcome.KEPT]
     assert kept == ([("j2", "coulomb")] if dry == "Coulomb" else [])
 
 
@@ -202,8 +202,8 @@ def test_a_class_that_proposes_itself_takes_part() -> None:
 
     kinds = (*PLAIN, kind_of_class("cubic", Cubic))
     choice = choose_terms(Model((bodies(),)), [recorded(law, 1)], kinds=kinds)
-    found = [one for one in choice.trials if one.kind == "cubic"]
-    assert len(found) == 3
-    assert isinstance(found[0], TermTrial)
-    assert any(one.outcome is TrialOutcome.ENTERED for one in found)
-    assert any(isinstance(one, Cubic) for one in choice.terms)
+    result = [trial for trial in choice.trials if trial.kind == "cubic"]
+    assert len(result) == 3
+    assert isinstance(result[0], TermTrial)
+    assert any(x.outcome is TrialOutcome.ENTERED for x in result)
+    assert any(isinstance(term, Cubic) for term in choice.terms)

@@ -22,7 +22,7 @@ def model() -> Model:
 def test_motors_of_one_joint_are_none() -> None:
     alone = Model((bodies(), CoupledMotor(bodies().joints, {"j2": 6.0}, "m")))
     assert coupled_motors(alone) == ()
-    assert [one.name for one in coupled_motors(model())] == ["m"]
+    assert [coupled_motor.name for coupled_motor in coupled_motors(model())] == ["m"]
 
 
 def test_its_friction_is_found() -> None:
@@ -31,12 +31,12 @@ def test_its_friction_is_found() -> None:
     more = 0.8 * np.sign(dphi) * np.abs(dphi) ** 0.3
     motion = replace(motion, tau=motion.tau + np.outer(more, [0.0, 1.0, 1.0]))
     choice = choose_terms(model(), [motion], kinds=PLAIN)
-    found = [one for one in choice.terms if isinstance(one, CoupledFriction)]
-    assert [(one.name, one.acts_on) for one in found] == [("m", ("j2", "j3"))]
-    tried = [one for one in choice.trials if one.kind == f"coupled {found[0].law}"]
-    assert any(one.outcome is TrialOutcome.ENTERED for one in tried)
+    result = [term for term in choice.terms if isinstance(term, CoupledFriction)]
+    assert [(x.name, x.acts_on) for x in result] == [("m", ("j2", "j3"))]
+    tried = [trial for trial in choice.trials if trial.kind == f"coupled {result[0].law}"]
+    assert any(x.outcome is TrialOutcome.ENTERED for x in tried)
 
 
 def test_none_enters_without_it() -> None:
     choice = choose_terms(model(), [recorded(simulated.coulomb, 1)], kinds=PLAIN)
-    assert not any(isinstance(one, CoupledFriction) for one in choice.terms)
+    assert not any(isinstance(term, CoupledFriction) for term in choice.terms)

@@ -71,9 +71,9 @@ def test_a_delay_is_that_of_the_torque_in_time():
     q, dq = np.sin(3 * t) * [1.0, 0.5], 3 * np.cos(3 * t) * [1.0, 0.5]
     before = np.sin(3 * (t - delay)) * [1.0, 0.5]
     term = Ripple(JOINTS[::2], cycles=40, delay={"base": 0.002, "wrist": -0.003})
-    late, none = term.regressor(q, dq, 0 * q), Ripple(JOINTS[::2], cycles=40)
-    np.testing.assert_allclose(late, none.regressor(before, dq, 0 * q), atol=40 * 9 * 0.003**2 / 2)
-    assert np.abs(late - none.regressor(q, dq, 0 * q)).max() > 0.2
+    test_regressor, none = term.regressor(q, dq, 0 * q), Ripple(JOINTS[::2], cycles=40)
+    np.testing.assert_allclose(test_regressor, none.regressor(before, dq, 0 * q), atol=40 * 9 * 0.003**2 / 2)
+    assert np.abs(test_regressor - none.regressor(q, dq, 0 * q)).max() > 0.2
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_a_delay_is_that_of_the_torque_in_time():
     ],
 )  # fmt: skip
 def test_meanings_are_those_of_each_joint(term, words):
-    assert [one.expression for one in term.parameters] == words
+    assert [parameter.expression for parameter in term.parameters] == words
 
 
 def test_cycles_that_are_listed_twice_are_named():
@@ -166,7 +166,7 @@ def test_there_is_one_for_each_joint():
     first, second = Viscous(PAIR, names=("x", "y")).equations
     assert (first.on, first.parameters) == ((("a", 1.0),), ("x",))
     assert (second.on, second.parameters) == ((("b", 1.0),), ("y",))
-    assert [one.on[0][0] for one in Offset(PAIR, on=("b",)).equations] == ["b"]
+    assert [equation.on[0][0] for equation in Offset(PAIR, on=("b",)).equations] == ["b"]
 
 
 def test_a_subclass_with_another_law_has_another_one():

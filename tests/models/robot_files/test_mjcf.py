@@ -18,7 +18,7 @@ STATES = np.random.default_rng(0).normal(size=(3, 4, 3))
 
 def torque(text: str, **options: object) -> np.ndarray:
     term = RigidBodies(text, **options)
-    values = np.array([one.value for one in term.parameters])
+    values = np.array([parameter.value for parameter in term.parameters])
     return term.torque(*STATES[:, :, : len(term.joints)], values)
 
 
@@ -33,15 +33,15 @@ def replaced(*pairs: tuple[str, str]) -> str:
 def test_several_joints_of_one_body_are_those_of_nested_bodies() -> None:
     more = '<joint name="swing" axis="1 0 1" pos="0.1 0 0.2" ref="0.3" type="hinge" class="main"/>'
     lift = '<joint name="lift" axis="0 0 1" type="slide" pos="0.3 0 0" class="main"/>'
-    one = replaced((TWIST, more + lift + TWIST))
+    case = replaced((TWIST, more + lift + TWIST))
     nested = replaced(
         (SECOND, f'{SECOND}{more}<body name="a">{lift}<body name="b">'), (TWIST, f"{TWIST}</body></body>")
     )
     used = ("swing", "lift", "twist")
-    assert [joint.name for joint in RigidBodies(one).joints] == ["shoulder", "rail", *used]
-    assert [p.body for p in RigidBodies(one).parameters[::10]] == ["upper", "slide", "wrist"]
+    assert [joint.name for joint in RigidBodies(case).joints] == ["shoulder", "rail", *used]
+    assert [p.body for p in RigidBodies(case).parameters[::10]] == ["upper", "slide", "wrist"]
     for options in ({"joints_used": used}, {"joints_used": used[::-1]}, {"joints_used": used, "locked": {"rail": 0.2}}):
-        np.testing.assert_allclose(torque(one, **options), torque(nested, **options), rtol=1e-13, atol=1e-13)
+        np.testing.assert_allclose(torque(case, **options), torque(nested, **options), rtol=1e-13, atol=1e-13)
 
 
 @pytest.mark.parametrize("held", ["swing", "twist"])
@@ -55,8 +55,8 @@ def test_a_joint_of_several_can_be_held(held: str) -> None:
     q, dq, ddq = (
         np.insert(x, 2 if held == "swing" else 3, y, axis=1) for x, y in zip(STATES, (0.4, 0, 0), strict=True)
     )
-    expected = full.torque(q, dq, ddq, np.array([one.value for one in full.parameters]))
-    values = np.array([one.value for one in term.parameters])
+    expected = full.torque(q, dq, ddq, np.array([parameter.value for parameter in full.parameters]))
+    values = np.array([parameter.value for parameter in term.parameters])
     np.testing.assert_allclose(
         term.torque(*STATES, values), np.delete(expected, 2 if held == "swing" else 3, axis=1), rtol=1e-12, atol=1e-13
     )

@@ -24,11 +24,11 @@ MODEL = """<mujoco><compiler angle="radian" meshdir="../assets"/>
 
 def test_shapes_of_bodies_are_in_the_frames_of_the_links() -> None:
     bodies = dy.RigidBodies(MODEL)
-    found = bodies.shapes
-    assert set(found) == {"world", "body 1", "tip"}
-    assert [one.kind for one in found["world"].collision] == [ShapeKind.BOX]
-    body = found["body 1"]
-    assert [one.kind for one in body.collision] == [
+    shapes = bodies.shapes
+    assert set(shapes) == {"world", "body 1", "tip"}
+    assert [x.kind for x in shapes["world"].collision] == [ShapeKind.BOX]
+    body = shapes["body 1"]
+    assert [x.kind for x in body.collision] == [
         ShapeKind.CAPSULE, ShapeKind.MESH, ShapeKind.MESH, ShapeKind.ELLIPSOID,
     ]  # fmt: skip
     capsule, bare, moved, ellipsoid = body.collision
@@ -46,7 +46,7 @@ def test_shapes_of_bodies_are_in_the_frames_of_the_links() -> None:
 
 def test_the_shapes_stand_in_the_world_where_mujoco_has_them() -> None:
     bodies = dy.RigidBodies(MODEL)
-    places = {one.link: one for one in link_places(bodies)}
+    places = {link_place.link: link_place for link_place in link_places(bodies)}
     assert [places[name].body for name in ("world", "body 1", "tip")] == [-1, 0, 0]
     tip = places["tip"].frame @ bodies.shapes["tip"].collision[0].frame
     placed = bodies.placements(np.zeros((1, 1)))
@@ -54,8 +54,8 @@ def test_the_shapes_stand_in_the_world_where_mujoco_has_them() -> None:
 
 
 def test_paths_are_stripped_where_the_compiler_says_so() -> None:
-    found = dy.RigidBodies(MODEL.replace("<compiler", '<compiler strippath="true"')).shapes
-    assert found["body 1"].visual[0].file == "../assets/shell.stl"
+    shapes = dy.RigidBodies(MODEL.replace("<compiler", '<compiler strippath="true"')).shapes
+    assert shapes["body 1"].visual[0].file == "../assets/shell.stl"
 
 
 def test_a_shape_without_its_size_is_refused() -> None:

@@ -30,24 +30,24 @@ def collision(shape, origin=""):
     ],
 )
 def test_each_shape_has_its_size(shape, kind, size) -> None:
-    (found,) = shapes(collision(shape)).collision
-    assert (found.kind, found.size) == (kind, size)
-    assert found.file == ("a.stl" if kind is ShapeKind.MESH else "")
+    (result,) = shapes(collision(shape)).collision
+    assert (result.kind, result.size) == (kind, size)
+    assert result.file == ("a.stl" if kind is ShapeKind.MESH else "")
 
 
 def test_shapes_are_placed_in_the_link() -> None:
-    found = shapes(collision('<sphere radius="1"/>', '<origin xyz="1 2 3" rpy="0 0 1.5707963"/>')).collision[0]
-    assert found.frame == pytest.approx(
+    result = shapes(collision('<sphere radius="1"/>', '<origin xyz="1 2 3" rpy="0 0 1.5707963"/>')).collision[0]
+    assert result.frame == pytest.approx(
         np.array([[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1.0]]), abs=1e-12
     )
 
 
 def test_what_is_seen_and_what_collides_are_kept_apart() -> None:
-    found = shapes(
+    result = shapes(
         collision('<sphere radius="1"/>') * 2 + collision('<box size="1 1 1"/>').replace("collision", "visual")
     )
-    assert [one.kind for one in found.collision] == [ShapeKind.SPHERE] * 2
-    assert [one.kind for one in found.visual] == [ShapeKind.BOX]
+    assert [x.kind for x in result.collision] == [ShapeKind.SPHERE] * 2
+    assert [x.kind for x in result.visual] == [ShapeKind.BOX]
 
 
 @pytest.mark.parametrize(

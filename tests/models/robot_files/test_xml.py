@@ -27,8 +27,8 @@ def test_other_angles_stay(word: str) -> None:
 
 
 def test_all_of_an_attribute_and_what_is_said_of_it() -> None:
-    found = angles({"rpy": "0.1 -1.57 3.14159265359"}, "rpy", "0 0 0", "here", 3)
-    np.testing.assert_array_equal(found, [0.1, -np.pi / 2, np.pi])
+    result = angles({"rpy": "0.1 -1.57 3.14159265359"}, "rpy", "0 0 0", "here", 3)
+    np.testing.assert_array_equal(result, [0.1, -np.pi / 2, np.pi])
     (note,) = note_exact_angles("rpy", [("'elbow'", "0.1 -1.57 3.14159265359")])
     assert note.endswith(
         "exact multiples of 15 deg: -1.57 of 'elbow' as -1.570796327"

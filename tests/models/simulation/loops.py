@@ -39,15 +39,15 @@ def spring(t: float, q: np.ndarray, dq: np.ndarray, wanted: np.ndarray) -> np.nd
 
 def loop(kind: str, motion: Motion, limit: float = np.inf) -> PD | PID | CascadePD | Function:
     """A controller of a kind, which the two-link arm and the pendulum bear at 1 kHz."""
-    wanted, one = reference(motion), np.ones(len(motion.joints))
+    wanted, ones = reference(motion), np.ones(len(motion.joints))
     shared = {"joints": motion.joints, "t": motion.t, "reference": wanted, "feedforward": 0.1 * wanted}
-    shared |= {"gain": 2 * one, "saturation": limit * one}
+    shared |= {"gain": 2 * ones, "saturation": limit * ones}
     if kind == "cascade":
-        return CascadePD(kp=50 * one, kv=0.2 * one, **shared)
+        return CascadePD(kp=50 * ones, kv=0.2 * ones, **shared)
     if kind == "function":
         return Function(law=spring, **shared)
-    pd = PD(kp=10 * one, kd=0.2 * one, **shared)
+    pd = PD(kp=10 * ones, kd=0.2 * ones, **shared)
     if kind == "pid":
-        return PID(pd, 40 * one)
+        return PID(pd, 40 * ones)
     speed = np.gradient(wanted, motion.t, axis=0) if kind == "tracking" else None
-    return PD(kp=10 * one, kd=0.2 * one, velocity_reference=speed, **shared)
+    return PD(kp=10 * ones, kd=0.2 * ones, velocity_reference=speed, **shared)

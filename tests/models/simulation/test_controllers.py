@@ -96,10 +96,10 @@ def test_derivatives_are_those_of_the_law(kind: str) -> None:
     class Remembering(Plain):
         begin, advance = getattr(drive, "begin", None), getattr(drive, "advance", None)
 
-    known, about = controller_slopes(drive, seen), controller_slopes(Remembering() if m else Plain(), seen)
+    given, about = controller_slopes(drive, seen), controller_slopes(Remembering() if m else Plain(), seen)
     for name in ("tau", "state"):
-        for one, two in zip(getattr(known, name), getattr(about, name), strict=True):
-            np.testing.assert_allclose(one, two, atol=1e-6)
+        for case, two in zip(getattr(given, name), getattr(about, name), strict=True):
+            np.testing.assert_allclose(case, two, atol=1e-6)
 
 
 @pytest.mark.parametrize(("kind", "limit"), [*((kind, 0.4) for kind in KINDS), ("pid", np.inf)])

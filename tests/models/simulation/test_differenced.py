@@ -28,7 +28,7 @@ def test_the_velocity_is_a_difference_over_its_steps(model: Model, theta: np.nda
 def test_one_step_is_the_loop_itself() -> None:
     motion = driven(ARM, T)
     drive = loop("pid", motion)
-    plain, same = (simulate_recording(ARM, LINKED, motion, one) for one in (drive, DifferencingLoop(drive, 1)))
+    plain, same = (simulate_recording(ARM, LINKED, motion, x) for x in (drive, DifferencingLoop(drive, 1)))
     np.testing.assert_array_equal(plain.q, same.q)
 
 

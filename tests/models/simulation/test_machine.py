@@ -32,5 +32,7 @@ def test_hysteresis_and_what_grows_with_the_load_stay_in_the_model():
 def test_what_is_the_same_at_all_states_is_part_of_mass_and_bias() -> None:
     model = pendulum().with_terms(RotorInertia(JOINTS), Offset(JOINTS), Power(JOINTS, exponent=0.5))
     theta, (q, dq) = np.array([0.1, 0.2, 0.4, 0.8, 1.6]), np.linspace(-2.0, 2.0, 10).reshape(2, 5, 1)
-    for one, other in zip(Machine(model, theta).mass_and_bias(q, dq), model.mass_and_bias(q, dq, theta), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+    for first, second in zip(
+        Machine(model, theta).mass_and_bias(q, dq), model.mass_and_bias(q, dq, theta), strict=True
+    ):
+        np.testing.assert_allclose(first, second, rtol=1e-12, atol=1e-12)

@@ -21,9 +21,9 @@ def test_an_arm_moves_as_by_an_accurate_integrator() -> None:
     exact = simulate(arm, arm.values, lambda s: (1.13 * np.sin(s), 0.78 * np.cos(s)), T)
     run = simulate_recording(arm, arm.values, exact)
     np.testing.assert_allclose(run.q, exact.q, atol=2e-5)
-    late = slice(30, -1)  # friction brakes the start within some steps
-    np.testing.assert_allclose(run.dq[late], exact.dq[late], atol=1e-4)
-    np.testing.assert_allclose(run.ddq[late], exact.ddq[late], atol=2e-3)
+    delayed = slice(30, -1)  # friction brakes the start within some steps
+    np.testing.assert_allclose(run.dq[delayed], exact.dq[delayed], atol=1e-4)
+    np.testing.assert_allclose(run.ddq[delayed], exact.ddq[delayed], atol=2e-3)
     motion = run.motion
     assert (motion.joints, motion.smoothing["method"]) == (exact.joints, "simulated")
 

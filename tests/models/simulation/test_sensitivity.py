@@ -27,9 +27,9 @@ def check(
     n, rng = len(motion.joints), np.random.default_rng(3)
     directions = rng.uniform(-1, 1, (len(theta), 2)) * np.abs(theta)[:, None]
     start = rng.uniform(-1, 1, 2 * n)
-    found = sensitivities(model, theta, run, controller, directions)
-    ways = [(by, 0 * start, lambda which, k=k: getattr(found, which)[..., k]) for k, by in enumerate(directions.T)]
-    ways.append((0 * theta, start, lambda which: getattr(found.start, which) @ start))
+    result = sensitivities(model, theta, run, controller, directions)
+    ways = [(by, 0 * start, lambda which, k=k: getattr(result, which)[..., k]) for k, by in enumerate(directions.T)]
+    ways.append((0 * theta, start, lambda which: getattr(result.start, which) @ start))
     h = 1e-6
     for by, moved, exact in ways:
         ends = []
@@ -86,10 +86,10 @@ def test_against_an_accurate_integrator() -> None:
     theta = np.array(arm.values)
     exact = simulate(arm, theta, torque, t)
     by = np.random.default_rng(0).uniform(-1, 1, len(theta)) * theta
-    found = sensitivities(arm, theta, simulate_recording(arm, theta, exact), None, by[:, None]).q[..., 0]
+    result = sensitivities(arm, theta, simulate_recording(arm, theta, exact), None, by[:, None]).q[..., 0]
     ends = [simulate(arm, theta + sign * by, torque, t, tolerance=1e-11).q for sign in (1e-5, -1e-5)]
     about = (ends[0] - ends[1]) / 2e-5
-    assert np.abs(found - about).max() < 5e-3 * np.abs(about).max()
+    assert np.abs(result - about).max() < 5e-3 * np.abs(about).max()
 
 
 def torque(t: float) -> tuple[float, float]:
@@ -115,11 +115,11 @@ def test_many_steps_are_made_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     motion = driven(ARM, COARSE[:60])
     controller = loop("pid", motion, 1.0)
     run = simulate_recording(ARM, LINKED, motion, controller)
-    whole = sensitivities(ARM, LINKED, run, controller)
+    full = sensitivities(ARM, LINKED, run, controller)
     monkeypatch.setattr(sensitivity, "AT_ONCE", 7 * 12 * 40)
     parts = sensitivities(ARM, LINKED, run, controller)
     for which in ("q", "dq", "tau"):
-        np.testing.assert_allclose(getattr(parts, which), getattr(whole, which), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(getattr(parts, which), getattr(full, which), rtol=1e-12, atol=1e-12)
 
 
 def test_what_has_no_derivatives_says_so() -> None:

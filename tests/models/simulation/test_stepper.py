@@ -89,8 +89,8 @@ def test_one_joint_moves_in_plain_numbers_as_in_arrays(
     t = step * (np.arange(count) + rng.uniform(-0.3, 0.3, count))
     run = motion(model, t, 4.0 * np.sin(3 * t), dq=0.4)
     held = np.where(t % 2 < 1, 0.3, np.sin(4 * t))[:, None]
-    one = np.ones(1)
-    drive = CascadePD(run.joints, t, held, 20 * one, 3 * one, 2 * one, 4 * one, 0.1 * held)
+    ones = np.ones(1)
+    drive = CascadePD(run.joints, t, held, 20 * ones, 3 * ones, 2 * ones, 4 * ones, 0.1 * held)
     q, tau, q_arrays, tau_arrays = both(model, theta, run, drive if loop else None)
     assert 0.01 < (np.diff(q[0, :, 0]) == 0).mean() < 0.95
     np.testing.assert_allclose(q, q_arrays, rtol=0, atol=1e-11)

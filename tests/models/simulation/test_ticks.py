@@ -36,10 +36,10 @@ def test_a_drive_at_its_own_rate_goes_where_it_went() -> None:
 
 def test_the_samples_are_among_the_times() -> None:
     few, slow = logged()
-    found = ticks(few, slow.every(1e-3), slice(5, 105))
-    np.testing.assert_allclose(found.motion.t[found.at], few.t[5:105], atol=1e-9)
-    np.testing.assert_allclose(found.motion.q[found.at], few.q[5:105], atol=1e-9)
-    assert len(found.motion.t) == 99 * EVERY + 1
+    result = ticks(few, slow.every(1e-3), slice(5, 105))
+    np.testing.assert_allclose(result.motion.t[result.at], few.t[5:105], atol=1e-9)
+    np.testing.assert_allclose(result.motion.q[result.at], few.q[5:105], atol=1e-9)
+    assert len(result.motion.t) == 99 * EVERY + 1
 
 
 def test_a_motion_stays_where_the_controller_knows_no_more() -> None:

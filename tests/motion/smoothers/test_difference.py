@@ -24,9 +24,9 @@ def test_butterworth_is_the_articles() -> None:
     q = data.q
     dq = np.diff(q, axis=0, append=0) / 0.0025
     dq[-1] = dq[-2]
-    for order, fraction, x, found in ((3, 0.05, q, made.q), (3, 0.015, dq, made.dq)):
+    for order, fraction, x, result in ((3, 0.05, q, made.q), (3, 0.015, dq, made.dq)):
         b, a = butter(order, fraction)
-        np.testing.assert_allclose(found, filtfilt(b, a, x, axis=0, padlen=3 * order), atol=1e-9 * np.abs(x).max())
+        np.testing.assert_allclose(result, filtfilt(b, a, x, axis=0, padlen=3 * order), atol=1e-9 * np.abs(x).max())
     b, a = butter(3, 0.05)
     assert np.abs(a - [1, -2.6862, 2.4197, -0.7302]).max() < 5e-5
     true = -np.sin(made.t)

@@ -49,9 +49,9 @@ def test_without_noise_it_is_exact() -> None:
 
 def test_the_noise_is_found_by_how_periods_differ() -> None:
     """Within 5 % of each of 20 estimates, and of their mean within 1 %; the spline's estimate needs no period."""
-    found = np.array([FourierSeries(3.7)(log(arm(T), seed=k)).smoothing["sigma"] for k in range(20)])
-    assert np.abs(found / 1e-3 - 1).max() < 0.05
-    assert found.mean() == pytest.approx(1e-3, rel=0.01)
+    result = np.array([FourierSeries(3.7)(log(arm(T), seed=k)).smoothing["sigma"] for k in range(20)])
+    assert np.abs(result / 1e-3 - 1).max() < 0.05
+    assert result.mean() == pytest.approx(1e-3, rel=0.01)
 
 
 def test_noise_that_does_not_repeat_is_told_from_motion_that_does() -> None:
@@ -65,7 +65,7 @@ def test_noise_that_does_not_repeat_is_told_from_motion_that_does() -> None:
 def test_the_acceleration_is_better_than_that_of_a_spline() -> None:
     data, (w, other) = log(arm(T)), (2 * np.pi / 3.7, 6 * np.pi / 3.7)
     true = -(w**2) * np.sin(w * T) - 0.2 * other**2 * np.cos(other * T + 1)
-    errors = [np.std((one.ddq[:, 0] - true)[one.mask]) for one in (FourierSeries()(data), Spline()(data))]
+    errors = [np.std((x.ddq[:, 0] - true)[x.mask]) for x in (FourierSeries()(data), Spline()(data))]
     assert errors[0] < errors[1] / 10
 
 

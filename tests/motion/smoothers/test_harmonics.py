@@ -77,18 +77,18 @@ def test_each_column_has_its_own_number_of_harmonics(kind: str) -> None:
     """By one factor, each as by the dense design of its own number."""
     t, each = times(kind)[:900], np.array([0, 3, 40, 17])
     q = np.random.default_rng(2).normal(size=(900, 4))
-    found = fit_series(t, q, 4.1, each)(t, 0)[0]
+    result = fit_series(t, q, 4.1, each)(t, 0)[0]
     for j, count in enumerate(each):
         X = design(t, 4.1, count)
-        np.testing.assert_allclose(found[:, j], X @ np.linalg.lstsq(X, q[:, j])[0], atol=1e-9)
+        np.testing.assert_allclose(result[:, j], X @ np.linalg.lstsq(X, q[:, j])[0], atol=1e-9)
 
 
 def test_times_from_anywhere_are_even() -> None:
     """Seconds since 1970 are rounded to 1e-7 s, which is no unevenness."""
-    late = times("late")
-    assert factor_of(late, 7.3, 30).sines is not None
+    delayed = times("late")
+    assert factor_of(delayed, 7.3, 30).sines is not None
     c = np.ones((31, 1), dtype=complex)
-    np.testing.assert_allclose(series_values(late, c, 7.3, 1e9), series_values(EVEN, c, 7.3, 0.0), atol=1e-4)
+    np.testing.assert_allclose(series_values(delayed, c, 7.3, 1e9), series_values(EVEN, c, 7.3, 0.0), atol=1e-4)
 
 
 def test_samples_that_do_not_determine_it_are_refused() -> None:

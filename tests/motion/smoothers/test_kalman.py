@@ -45,24 +45,24 @@ def test_the_noise_is_found_or_given_by_joint() -> None:
 
 
 def test_order_two_is_the_spline_of_restricted_maximum_likelihood() -> None:
-    one = log(moving(), jitter=0.8)
-    made, spline = KalmanSmoother(2)(one), Spline(REML())(one)
+    test_log = log(moving(), jitter=0.8)
+    made, spline = KalmanSmoother(2)(test_log), Spline(REML())(test_log)
     for name in ("q", "dq", "ddq"):
-        found, other = getattr(made, name), getattr(spline, name)
-        np.testing.assert_allclose(found, other, atol=1e-9 * np.abs(other).max())
+        result, other = getattr(made, name), getattr(spline, name)
+        np.testing.assert_allclose(result, other, atol=1e-9 * np.abs(other).max())
     assert made.smoothing["bandwidth"] == pytest.approx(spline.smoothing["bandwidth"])
     assert made.smoothing["cutoff"] == pytest.approx(spline.smoothing["cutoff"])
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.9])
 def test_of_an_unknown_noise_order_three_knows_the_acceleration_of_a_smooth_motion_best(jitter: float) -> None:
-    one = log(moving(noise=0.0), jitter=jitter)
-    noise = 1e-3 * np.random.default_rng(0).standard_normal(one.q.shape)
-    one = replace(one, q=np.column_stack((np.sin(one.t), np.cos(2 * one.t))) + noise)
-    true = np.column_stack((-np.sin(one.t), -4 * np.cos(2 * one.t)))
+    case = log(moving(noise=0.0), jitter=jitter)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(case.q.shape)
+    case = replace(case, q=np.column_stack((np.sin(case.t), np.cos(2 * case.t))) + noise)
+    true = np.column_stack((-np.sin(case.t), -4 * np.cos(2 * case.t)))
     error = []
     for smoother in (KalmanSmoother(), KalmanSmoother(2), Spline(GCV())):
-        made = smoother(one)
+        made = smoother(case)
         error.append(np.sqrt(np.mean((made.ddq - true)[500:-500] ** 2)))
     assert error[0] < 0.06
     assert error[0] < 0.5 * min(error[1:])
@@ -116,8 +116,8 @@ def test_standard_errors_cover() -> None:
     made = smoother(log(true[0] + 0.01 * rng.standard_normal((n, 1)), h=h))
     errors = smoother.standard_errors(made)
     assert errors.shape == (3, n, 1)
-    for found, truth, error in zip((made.q, made.dq, made.ddq), true, errors, strict=True):
-        inside = np.mean(np.abs(found - truth) < 1.96 * error)
+    for result, truth, error in zip((made.q, made.dq, made.ddq), true, errors, strict=True):
+        inside = np.mean(np.abs(result - truth) < 1.96 * error)
         assert 0.9 < inside < 0.99
     assert KalmanSmoother(2).standard_errors(KalmanSmoother(2)(log(moving(n=300)))).shape == (2, 300, 2)
 

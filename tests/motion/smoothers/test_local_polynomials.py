@@ -27,21 +27,21 @@ def test_stamps_are_even_but_for_rounding(start: float, shift: float, expected: 
 def test_at_even_times_it_is_scipys(half: int, order: int) -> None:
     q, step = np.cumsum(RNG.normal(size=(300, 2)), axis=0), 0.01
     made = fit_polynomials(np.arange(300) * step, q, half, order)
-    for k, found in enumerate(made[:3]):
+    for k, result in enumerate(made[:3]):
         expected = savgol_filter(q, 2 * half + 1, order, k, step, axis=0)
-        np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
+        np.testing.assert_allclose(result, expected, atol=1e-8 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("half", [4, 90])
 def test_at_uneven_times_it_is_least_squares(half: int) -> None:
     t = uneven(400)
     q, order = np.sin(t)[:, None] + 0.1 * RNG.normal(size=(400, 1)) + 7.0, 4
-    found = fit_polynomials(t, q, half, order)
+    polynomials = fit_polynomials(t, q, half, order)
     for row in (half, 200, 399 - half, 399):
         first = min(max(row - half, 0), 400 - 2 * half - 1)
         part = slice(first, first + 2 * half + 1)
         curve = np.polynomial.Polynomial.fit(t[part], q[part, 0], order)
-        for k, made in enumerate(found[:3]):
+        for k, made in enumerate(polynomials[:3]):
             assert made[row, 0] == pytest.approx(curve.deriv(k)(t[row]), rel=1e-6)
 
 
@@ -51,8 +51,8 @@ def test_running_sums_are_least_squares_and_count_the_same_degrees_of_freedom(mo
     swept = fit_polynomials(t, q, 100, 4)
     monkeypatch.setattr(local_polynomials, "MIN_SWEPT_HALF", 10**6)
     plain = fit_polynomials(t, q, 100, 4)
-    for one, other in zip(swept[:3], plain[:3], strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-9 * np.abs(other).max())
+    for first, second in zip(swept[:3], plain[:3], strict=True):
+        np.testing.assert_allclose(first, second, atol=1e-9 * np.abs(second).max())
     assert swept[3] == pytest.approx(plain[3], rel=1e-9)
 
 
@@ -60,8 +60,8 @@ def test_running_sums_are_least_squares_and_count_the_same_degrees_of_freedom(mo
 def test_polynomials_of_its_order_are_exact(t: np.ndarray) -> None:
     curve = np.polynomial.Polynomial([3.0, -2.0, 0.5, 0.1, -0.02])
     q, dq, ddq, _ = fit_polynomials(t, curve(t)[:, None], 30, 4)
-    for found, true in ((q, curve(t)), (dq, curve.deriv()(t)), (ddq, curve.deriv(2)(t))):
-        np.testing.assert_allclose(found[:, 0], true, atol=1e-8 * np.abs(true).max())
+    for result, true in ((q, curve(t)), (dq, curve.deriv()(t)), (ddq, curve.deriv(2)(t))):
+        np.testing.assert_allclose(result[:, 0], true, atol=1e-8 * np.abs(true).max())
 
 
 def test_the_trace_is_the_change_of_each_value_with_its_own_sample() -> None:

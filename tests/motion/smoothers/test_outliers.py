@@ -23,15 +23,15 @@ def log(seed: int = 0) -> Log:
 
 
 def changed(name: str, rows: slice | list[int], joint: int, value: float, *, add: bool = False) -> Log:
-    one = log()
-    x = getattr(one, name).copy()
+    test_log = log()
+    x = getattr(test_log, name).copy()
     x[rows, joint] = x[rows, joint] + value if add else value
-    return Log(T, x if name == "q" else one.q, x if name == "tau" else one.tau, one.joints)
+    return Log(T, x if name == "q" else test_log.q, x if name == "tau" else test_log.tau, test_log.joints)
 
 
 def test_a_clean_log_is_left_alone() -> None:
-    one = log()
-    assert repair_log(one, torque=True) is one
+    test_log = log()
+    assert repair_log(test_log, torque=True) is test_log
 
 
 def test_a_spike_of_the_position_is_replaced_and_its_row_not_fitted_for_any_joint() -> None:
@@ -55,24 +55,24 @@ def test_a_frozen_position_is_bridged() -> None:
 
 def test_too_many_spikes_belong_to_the_signal() -> None:
     rows = list(range(100, 2900, 20))
-    one = changed("q", rows, 0, 0.5, add=True)
-    assert suspects(one).position_spikes[rows, 0].mean() > 0.9
-    assert np.array_equal(repair_log(one, torque=False).q, one.q)
+    case = changed("q", rows, 0, 0.5, add=True)
+    assert suspects(case).position_spikes[rows, 0].mean() > 0.9
+    assert np.array_equal(repair_log(case, torque=False).q, case.q)
 
 
 def test_suspect_torques_are_not_kept_where_asked() -> None:
-    one = changed("tau", [700], 0, 5000.0)
-    clean = repair_log(one, torque=True)
+    case = changed("tau", [700], 0, 5000.0)
+    clean = repair_log(case, torque=True)
     assert clean.keep is not None
     assert np.argwhere(~clean.keep).tolist() == [[700, 0]]
-    assert np.array_equal(clean.tau, one.tau)
-    assert repair_log(one, torque=False) is one
+    assert np.array_equal(clean.tau, case.tau)
+    assert repair_log(case, torque=False) is case
 
 
 def test_clipped_torques_are_suspects() -> None:
-    one = log()
-    tau = np.clip(one.tau, -3.0, 3.0)
-    seen = suspects(Log(T, one.q, tau, one.joints))
+    test_log = log()
+    tau = np.clip(test_log.tau, -3.0, 3.0)
+    seen = suspects(Log(T, test_log.q, tau, test_log.joints))
     assert np.array_equal(seen.torque_clipped, np.abs(tau) == 3.0)
 
 
@@ -87,9 +87,9 @@ def test_a_single_run_of_torques_at_a_limit_is_suspect_where_it_is_long(samples:
 
 def test_a_motion_of_other_samples_than_the_log_is_refused() -> None:
     def shorter(one: Log) -> Motion:
-        whole = Spline()(one)
-        cut = {name: getattr(whole, name)[5:] for name in ("t", "q", "dq", "ddq", "tau", "mask")}
-        return replace(whole, **cut)
+        full = Spline()(one)
+        cut = {name: getattr(full, name)[5:] for name in ("t", "q", "dq", "ddq", "tau", "mask")}
+        return replace(full, **cut)
 
     with pytest.raises(ConfigError, match="returns 2995 samples for 3000; return all of them"):
         smooth_log(shorter, log())
@@ -98,10 +98,10 @@ def test_a_motion_of_other_samples_than_the_log_is_refused() -> None:
 
 
 def test_excluded_samples_are_smoothed_through_and_not_in_the_mask() -> None:
-    whole, gone = (smooth_log(Spline(), one) for one in (log(), log().exclude([(2.0, 2.5)])))
-    np.testing.assert_array_equal(whole.q, gone.q)
+    full, gone = (smooth_log(Spline(), x) for x in (log(), log().exclude([(2.0, 2.5)])))
+    np.testing.assert_array_equal(full.q, gone.q)
     left_out = (gone.t >= 2.0) & (gone.t <= 2.5)
-    assert gone.mask.tolist() == (whole.mask & ~left_out).tolist()
-    assert whole.keep is None
+    assert gone.mask.tolist() == (full.mask & ~left_out).tolist()
+    assert full.keep is None
     assert gone.keep is not None
     assert gone.keep.tolist() == np.stack([~left_out, ~left_out], axis=1).tolist()

@@ -51,10 +51,10 @@ OTHERS: Mapping[str, Smoother] = {
 }
 
 
-def worst(whole: Motion, part: Motion, first: int, inside: slice) -> float:
+def worst(motion: Motion, part: Motion, first: int, inside: slice) -> float:
     """The largest error of a piece relative to the values."""
     there = slice(first + inside.start, first + inside.stop)
-    pairs = [(getattr(whole, name)[there], getattr(part, name)[inside]) for name in ("q", "dq", "ddq")]
+    pairs = [(getattr(motion, name)[there], getattr(part, name)[inside]) for name in ("q", "dq", "ddq")]
     return max(float((np.abs(b - a) / np.abs(a).max(axis=0)).max()) for a, b in pairs)
 
 
@@ -68,23 +68,23 @@ def test_a_time_shift_needs_as_many_samples_more(smoother: Smoother) -> None:
 @pytest.mark.parametrize("name", [*SPLINES, *OTHERS])
 def test_a_piece_with_the_overlap_has_the_motion_of_the_whole(name: str) -> None:
     smoother, log = {**SPLINES, **OTHERS}[name], recording()
-    whole = smooth_log(smoother, log)
-    more = overlap(smoother, log, whole)
+    full = smooth_log(smoother, log)
+    more = overlap(smoother, log, full)
     first, last = 5000 - more, 5500 + more
     part = smooth_log(smoother, log.rows(slice(first, last), "piece"))
     inside = slice(more, more + 500)
-    assert worst(whole, part, first, inside) < 1e-9
+    assert worst(full, part, first, inside) < 1e-9
     assert part.mask[inside].all()
 
 
 @pytest.mark.parametrize("name", ["usual", "wide"])
 def test_the_error_of_a_spline_decays_as_the_roots_of_its_equations_say(name: str) -> None:
     smoother, log = SPLINES[name], recording()
-    whole = smooth_log(smoother, log)
-    left = max(decay(width, STEP) for width in whole.smoothing["bandwidth"])
+    full = smooth_log(smoother, log)
+    left = max(decay(width, STEP) for width in full.smoothing["bandwidth"])
     part = smooth_log(smoother, log.rows(slice(5000, None), "piece"))
     bound = 4 * left ** np.arange(1000)[:, None]
-    error = np.abs(part.ddq[:1000] - whole.ddq[5000:6000]) / np.abs(whole.ddq).max(axis=0)
+    error = np.abs(part.ddq[:1000] - full.ddq[5000:6000]) / np.abs(full.ddq).max(axis=0)
     assert (error <= np.maximum(bound, 1e-11)).all()
     half = round(np.log(1e-4) / np.log(left))  # it does not decay faster, either
     assert error[half - 20 : half + 20].max() > 1e-7
@@ -96,7 +96,7 @@ def test_the_roots_are_those_of_a_kernel_and_of_interpolation() -> None:
     for width in (10 * STEP, 100 * STEP):
         assert np.log(decay(width, STEP)) == pytest.approx(-STEP / (np.sqrt(2) * width), rel=2e-3)
     widths = np.geomspace(0.5, 100, 50) * STEP
-    assert (np.diff([decay(one, STEP) for one in widths]) > 0).all()
+    assert (np.diff([decay(width, STEP) for width in widths]) > 0).all()
 
 
 @dataclass(frozen=True)

@@ -35,22 +35,22 @@ def test_the_period_is_found_not_a_multiple(period: float) -> None:
 def test_a_ripple_on_slow_motion_is_no_period() -> None:
     t = np.arange(6000) * 0.005
     q = np.column_stack([np.sin(0.2 * t**1.3) + 0.01 * np.sin(40 * t)])
-    assert all(one > 1.0 for one in likely_periods(t, q))
+    assert all(likely_period > 1.0 for likely_period in likely_periods(t, q))
 
 
 @pytest.mark.parametrize("colour", [1, 10])
 def test_the_period_is_within_its_standard_error(colour: int) -> None:
     """Over 80 logs the error in standard errors has mean 0 and deviation 1: within 0.75 and 1.25 with 99 % confidence
     where noise is white; coloured, within 0.6 and 1.4."""
-    t, found = np.arange(750) * 0.04, []
+    t, result = np.arange(750) * 0.04, []
     for seed in range(80):
         e = np.random.default_rng(seed).standard_normal((750 + colour - 1, 2))
         e = np.apply_along_axis(np.convolve, 0, e, np.full(colour, 1 / np.sqrt(colour)), mode="valid")
-        one = refine_period(t, motion(t, 4.3) + 1e-2 * e, 4.32, 5, np.full(2, 1e-2))
-        found.append((one.value - 4.3) / one.std)
+        case = refine_period(t, motion(t, 4.3) + 1e-2 * e, 4.32, 5, np.full(2, 1e-2))
+        result.append((case.value - 4.3) / case.std)
     within = (0.75, 1.25) if colour == 1 else (0.6, 1.4)
-    assert within[0] < np.std(found) < within[1]
-    assert abs(np.mean(found)) < 0.4
+    assert within[0] < np.std(result) < within[1]
+    assert abs(np.mean(result)) < 0.4
 
 
 def test_many_periods_do_not_lose_the_phase() -> None:
@@ -85,12 +85,12 @@ def test_what_is_left_is_a_share_of_motion_and_acceleration() -> None:
     t = np.arange(4000) * 0.01
     w = 2 * np.pi / 4.0
     e = 1e-3 * np.random.default_rng(0).standard_normal(4000)
-    found, sought = fit(np.sin(w * t) + 0.1 * np.sin(3.3 * w * t) + e, t, Period(4.0, 0.0), 4)
-    share, bend = misfit(t[found.rows], found, sought)
+    result, sought = fit(np.sin(w * t) + 0.1 * np.sin(3.3 * w * t) + e, t, Period(4.0, 0.0), 4)
+    share, bend = misfit(t[result.rows], result, sought)
     assert share[0] == pytest.approx(0.1, rel=0.1)
     assert bend[0] == pytest.approx(1.09 / np.hypot(1.0, 1.09), rel=0.1)
-    found, sought = fit(np.sin(w * t) + e, t, Period(4.0, 0.0), 4)
-    share, bend = misfit(t, found, sought)
+    result, sought = fit(np.sin(w * t) + e, t, Period(4.0, 0.0), 4)
+    share, bend = misfit(t, result, sought)
     assert share[0] < 1e-3
     assert bend[0] < 0.04  # scatter of white noise in the band; a tenth is refused
 

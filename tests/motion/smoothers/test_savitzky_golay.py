@@ -48,7 +48,7 @@ def test_noise_and_window_are_said() -> None:
     assert motion.t[motion.mask][0] == pytest.approx(window[1] / 2)
     assert motion.t[motion.mask][-1] == pytest.approx(motion.t[-1] - window[1] / 2)
     twice = SavitzkyGolay(factor=2.0)(log()).smoothing["window"]
-    assert twice == pytest.approx([2 * one for one in window], rel=0.05)
+    assert twice == pytest.approx([2 * x for x in window], rel=0.05)
 
 
 def test_where_both_orders_miss_the_motion_no_window_is_taken() -> None:

@@ -37,11 +37,11 @@ def test_a_joint_that_double_precision_cannot_smooth_is_named() -> None:
 @pytest.mark.parametrize("smoother", [Spline(factor=1.4), KalmanSmoother(2), KalmanSmoother(3)], ids=repr)
 def test_what_is_shifted_is_as_used_smoothed_as_much_and_linear(smoother: Smoother) -> None:
     """Without a shift that is a promise of every smoother."""
-    one, late = log(1500), TimeShifted(smoother, 1e-3)
-    made, again = late(one), late.as_used(late(one))
-    np.testing.assert_allclose(again(one).ddq, made.ddq, rtol=1e-9, atol=1e-8)
-    np.testing.assert_array_equal(again(one).mask, made.mask)
-    np.testing.assert_allclose(again(replace(one, q=2 * one.q)).ddq, 2 * made.ddq, rtol=1e-9, atol=1e-8)
+    test_log, delayed = log(1500), TimeShifted(smoother, 1e-3)
+    made, again = delayed(test_log), delayed.as_used(delayed(test_log))
+    np.testing.assert_allclose(again(test_log).ddq, made.ddq, rtol=1e-9, atol=1e-8)
+    np.testing.assert_array_equal(again(test_log).mask, made.mask)
+    np.testing.assert_allclose(again(replace(test_log, q=2 * test_log.q)).ddq, 2 * made.ddq, rtol=1e-9, atol=1e-8)
 
 
 def test_the_factor_of_each_joint() -> None:
@@ -58,5 +58,5 @@ def test_the_factor_of_each_joint() -> None:
 def test_the_factor_of_each_joint_as_settings() -> None:
     given = Spline.Settings(rule="torque", factor={"a": 2.0, "b": 1.0}).build()
     assert isinstance(given, tuple)
-    assert [one.factor for one in given[:2]] == [{"a": 2.0, "b": 1.0}, {"a": 2.8, "b": 1.4}]
+    assert [x.factor for x in given[:2]] == [{"a": 2.0, "b": 1.0}, {"a": 2.8, "b": 1.4}]
     assert Spline.Settings.of(Spline(factor={"a": 2.0})).build() == Spline(factor={"a": 2.0})

@@ -31,8 +31,8 @@ def test_is_the_posterior_of_a_diffuse_start(order: Order, q: float) -> None:
     t, y = noisy(15, order, q, 0.5)
     means, variances = dense(t, y, order, 0.5, q)
     fit = wiener(t, y[:, None], order, [0.5**0.5], [q])
-    for found, mean in zip((fit.values, fit.first_derivative, fit.second_derivative), means, strict=True):
-        np.testing.assert_allclose(found[:, 0], mean, atol=1e-6 * np.abs(mean).max())
+    for result, mean in zip((fit.values, fit.first_derivative, fit.second_derivative), means, strict=True):
+        np.testing.assert_allclose(result[:, 0], mean, atol=1e-6 * np.abs(mean).max())
     errors = posterior_errors(t, order, np.array([0.5**0.5]), np.array([q]))
     np.testing.assert_allclose(errors[:, :, 0] ** 2, variances, rtol=1e-5)
 
@@ -43,8 +43,8 @@ def test_is_what_kalman_rauch_tung_and_striebel_give(order: Order) -> None:
     means, spreads, _ = recursion(t, y, order, 0.5, 0.01)
     fit = wiener(t, y[:, None], order, [0.5**0.5], [0.01])
     kept = slice(order - 1, None)
-    for k, found in enumerate((fit.values, fit.first_derivative, fit.second_derivative)[:order]):
-        np.testing.assert_allclose(found[kept, 0], means[:, k], atol=1e-7 * np.abs(means[:, k]).max())
+    for k, result in enumerate((fit.values, fit.first_derivative, fit.second_derivative)[:order]):
+        np.testing.assert_allclose(result[kept, 0], means[:, k], atol=1e-7 * np.abs(means[:, k]).max())
     errors = posterior_errors(t, order, np.array([0.5**0.5]), np.array([0.01]))
     np.testing.assert_allclose(errors[:, kept, 0].T ** 2, np.diagonal(spreads, axis1=1, axis2=2), rtol=1e-6)
 
@@ -56,8 +56,8 @@ def test_the_likelihood_is_the_restricted_one_of_the_spline(order: Order) -> Non
     t = (t - t[0]) * (len(t) - 1) / (t[-1] - t[0])
     left = []
     for r, q in ((0.5, 0.05), (0.1, 2.0), (3.0, 1e-3)):
-        whole, log_det = _banded(t, y, order, 0.5 * q / r)
-        restricted = -0.5 * ((len(t) - order) * np.log(r) + log_det + whole / r)
+        full, log_det = _banded(t, y, order, 0.5 * q / r)
+        restricted = -0.5 * ((len(t) - order) * np.log(r) + log_det + full / r)
         left.append(recursion(t, y, order, r, q)[2] - restricted)
     assert np.ptp(left) < 1e-6
 
@@ -65,25 +65,25 @@ def test_the_likelihood_is_the_restricted_one_of_the_spline(order: Order) -> Non
 def _banded(t: np.ndarray, y: np.ndarray, order: int, p: float) -> tuple[float, float]:
     """y' Q u and the logarithm of the determinant, of which ``REML`` is made."""
     if order == 3:
-        found = QuinticSystem(np.diff(t)).solve(p, y)
-        return found.penalised_rss, found.log_det
+        test_solution = QuinticSystem(np.diff(t)).solve(p, y)
+        return test_solution.penalised_rss, test_solution.log_det
     system = System(Grid(np.diff(t)))
-    one = system.solve(p, second_difference(y, np.diff(t)), refine=False, trace=True)
-    return one.rss + p * one.energy, one.log_det
+    solution = system.solve(p, second_difference(y, np.diff(t)), refine=False, trace=True)
+    return solution.rss + p * solution.energy, solution.log_det
 
 
 @pytest.mark.parametrize("order", ORDERS)
-@pytest.mark.parametrize("known", [None, 0.6])
-def test_the_settings_are_the_likeliest(order: Order, known: float | None) -> None:
+@pytest.mark.parametrize("reference", [None, 0.6])
+def test_the_settings_are_the_likeliest(order: Order, reference: float | None) -> None:
     t, y = noisy(80, order, 0.02, 0.5, seed=3)
-    fit = wiener(t, y[:, None], order, [known], NONE)
+    fit = wiener(t, y[:, None], order, [reference], NONE)
     r, q = fit.sigma[0] ** 2, fit.intensity[0]
     best = recursion(t, y, order, r, q)[2]
     assert best >= max(recursion(t, y, order, r, q * k)[2] for k in (0.5, 0.95, 1.05, 2.0))
-    if known is None:
+    if reference is None:
         assert best >= max(recursion(t, y, order, r * k, q)[2] for k in (0.9, 0.98, 1.02, 1.1))
     else:
-        assert fit.sigma[0] == known
+        assert fit.sigma[0] == reference
 
 
 @pytest.mark.parametrize("order", ORDERS)
@@ -100,17 +100,17 @@ def test_long_data_are_smoothed_by_all_of_them(order: Order) -> None:
 @pytest.mark.parametrize("order", ORDERS)
 def test_noise_and_intensity_are_found_and_intervals_cover(order: Order) -> None:
     """Of 15 processes: means of the errors within four standard errors, 95 % intervals over 91 to 99 %."""
-    found, inside = [], []
+    result, inside = [], []
     for seed in range(15):
         t, rng = jittered(200, seed), np.random.default_rng(seed)
         truth = sampled(t, order, 0.02, rng)
         fit = wiener(t, truth[:, :1] + 0.7 * rng.standard_normal((200, 1)), order, NONE, NONE)
-        found.append((np.log(fit.sigma[0] / 0.7), np.log(fit.intensity[0] / 0.02)))
+        result.append((np.log(fit.sigma[0] / 0.7), np.log(fit.intensity[0] / 0.02)))
         errors = posterior_errors(t, order, fit.sigma, fit.intensity)[:, :, 0]
         states = np.stack([fit.values[:, 0], fit.first_derivative[:, 0], fit.second_derivative[:, 0]][:order])
         inside.append((np.abs(states - truth.T) < 1.96 * errors).mean(axis=1))
-    spread = np.std(found, axis=0) / np.sqrt(15)
-    assert (np.abs(np.mean(found, axis=0)) < 4 * spread).all()
+    spread = np.std(result, axis=0) / np.sqrt(15)
+    assert (np.abs(np.mean(result, axis=0)) < 4 * spread).all()
     assert (np.abs(np.mean(inside, axis=0) - 0.95) < 0.04).all()
 
 

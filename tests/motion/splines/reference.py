@@ -57,8 +57,8 @@ def _exact(t: Sequence[float], y: Sequence[float], p: float, delta: Sequence[flo
     for i in range(n - 2):
         row: dict[int, mpmath.mpf] = {}
         for j in range(max(0, i - 2), i + 1):
-            known = row if i == j else lower[j]
-            s = entry(i, j) - sum((row[k] * known[k] for k in row if k < j and k in known), f(0))
+            reference = row if i == j else lower[j]
+            s = entry(i, j) - sum((row[k] * reference[k] for k in row if k < j and k in reference), f(0))
             row[j] = s / lower[j][j] if j < i else mpmath.sqrt(s)
         lower.append(row)
     x: list[mpmath.mpf] = []

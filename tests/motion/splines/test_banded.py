@@ -23,14 +23,14 @@ def test_figures_are_those_of_dense_algebra(n: int, kind: str, weighted: bool) -
     y = rng.standard_normal(n)
     for p in (1e-4, 0.1, 30.0):
         system, z = System(Grid(step), variance), second_difference(y, step)
-        found, refined = system.solve(p, z, refine=False, trace=True), system.solve(p, z)
+        solution, refined = system.solve(p, z, refine=False, trace=True), system.solve(p, z)
         A = Q.T @ D**2 @ Q + p * N
         u = np.linalg.solve(A, Q.T @ y)
         share = p * np.linalg.solve(A, N)
         rss = float(np.sum((D @ Q @ u) ** 2))
         slope = -2 * p * (u @ N @ u - u @ N @ share @ u) / rss
         expected = [rss, slope, u @ N @ u, np.linalg.slogdet(A)[1], np.trace(share), np.trace(share - share @ share)]
-        got = [found.rss, found.slope, found.energy, found.log_det, found.rise, found.bend]
+        got = [solution.rss, solution.slope, solution.energy, solution.log_det, solution.rise, solution.bend]
         np.testing.assert_allclose(got, expected, rtol=1e-8, atol=1e-10)
         np.testing.assert_allclose(refined.rss, rss, rtol=1e-9)
         np.testing.assert_allclose(refined.u, u, atol=1e-10 * np.abs(u).max())

@@ -66,7 +66,7 @@ def trials(n: int, count: int, spread: float, weighted: bool, p: np.ndarray, see
 
 
 def changed(asked: list[SplineTrial], **what: bool) -> list[SplineTrial]:
-    return [SplineTrial(one.series, one.p, **what) for one in asked]
+    return [SplineTrial(x.series, x.p, **what) for x in asked]
 
 
 @compiled_only
@@ -84,23 +84,23 @@ def test_solutions_are_those_of_lapack(
 ) -> None:
     asked = trials(n, count, spread, weighted, np.exp(p), seed)
     solver = Solver()
-    for one, (found, expected) in zip(asked, pairs(solver, changed(asked, refine=True)), strict=True):
-        if isinstance(expected, IllConditionedError) or isinstance(found, IllConditionedError):
+    for case, (result, expected) in zip(asked, pairs(solver, changed(asked, refine=True)), strict=True):
+        if isinstance(expected, IllConditionedError) or isinstance(result, IllConditionedError):
             continue  # at the limit of double precision either may fail, but says so
-        np.testing.assert_allclose(found.u, expected.u, atol=1e-11 * np.linalg.norm(expected.u))
-        np.testing.assert_allclose(found.rss, expected.rss, rtol=1e-10)
-        assert found.residual < max(1e-9, 10 * expected.residual)
-        assert found.p == one.p
+        np.testing.assert_allclose(result.u, expected.u, atol=1e-11 * np.linalg.norm(expected.u))
+        np.testing.assert_allclose(result.rss, expected.rss, rtol=1e-10)
+        assert result.residual < max(1e-9, 10 * expected.residual)
+        assert result.p == case.p
     condition = 1e-15 * np.minimum(n, np.exp(-np.array(p) / 4)) ** 4 * np.exp(8 * spread) * (50 if weighted else 1)
-    for k, (found, expected) in enumerate(pairs(solver, changed(asked, trace=True, determinant=True))):
-        if isinstance(expected, Solution) and isinstance(found, Solution) and condition[k] < 1e-6:
+    for k, (result, expected) in enumerate(pairs(solver, changed(asked, trace=True, determinant=True))):
+        if isinstance(expected, Solution) and isinstance(result, Solution) and condition[k] < 1e-6:
             rtol = 1e-11 + 100 * condition[k]
-            whole = expected.rss + expected.p * expected.energy
-            np.testing.assert_allclose(found.rss, expected.rss, atol=rtol * whole)
-            np.testing.assert_allclose(found.slope * found.rss, expected.slope * expected.rss, atol=2 * rtol * whole)
-            np.testing.assert_allclose(found.energy, expected.energy, rtol=rtol, atol=rtol * whole / found.p)
-            np.testing.assert_allclose(found.log_det, expected.log_det, atol=rtol * n * 10)
-            np.testing.assert_allclose([found.rise, found.bend], [expected.rise, expected.bend], atol=rtol * n)
+            full = expected.rss + expected.p * expected.energy
+            np.testing.assert_allclose(result.rss, expected.rss, atol=rtol * full)
+            np.testing.assert_allclose(result.slope * result.rss, expected.slope * expected.rss, atol=2 * rtol * full)
+            np.testing.assert_allclose(result.energy, expected.energy, rtol=rtol, atol=rtol * full / result.p)
+            np.testing.assert_allclose(result.log_det, expected.log_det, atol=rtol * n * 10)
+            np.testing.assert_allclose([result.rise, result.bend], [expected.rise, expected.bend], atol=rtol * n)
 
 
 def pairs(solver: Solver, asked: list[SplineTrial]) -> list[tuple[compiled.Answer, compiled.Answer]]:
@@ -116,11 +116,11 @@ def test_a_series_has_the_same_bits_alone_and_beside_others(n: int) -> None:
     asked = trials(n, 11, 0.3, True, np.exp(np.linspace(-12, 3, 11)), 0)
     for what in ({"refine": True}, {"trace": True, "determinant": True}):
         together = Solver()(changed(asked, **what))
-        for one, found in zip(changed(asked, **what), together, strict=True):
-            (alone,) = Solver()([one])
+        for case, result in zip(changed(asked, **what), together, strict=True):
+            (alone,) = Solver()([case])
             for name in ("rss", "residual", "accuracy", "slope", "energy", "rise", "bend"):
-                np.testing.assert_array_equal(getattr(alone, name), getattr(found, name), err_msg=name)
-            np.testing.assert_array_equal(alone.u, found.u)
+                np.testing.assert_array_equal(getattr(alone, name), getattr(result, name), err_msg=name)
+            np.testing.assert_array_equal(alone.u, result.u)
 
 
 @compiled_only
@@ -128,16 +128,16 @@ def test_all_levels_give_the_same_bits() -> None:
     rng = np.random.default_rng(0)
     t = np.cumsum(rng.uniform(0.5, 1.5, 700)) * 1e-3
     y = np.sin(np.outer(t, np.arange(1, 12))) + 1e-2 * rng.standard_normal((700, 11))
-    weights, found = rng.uniform(0.5, 2, y.shape), []
+    weights, result = rng.uniform(0.5, 2, y.shape), []
     for level in BEST:
         with kernel_level(level):
-            found.append([noise_sigma(t, y), noise_sigma(t, y, weights)])
+            result.append([noise_sigma(t, y), noise_sigma(t, y, weights)])
             for rule, weight in product((Constraint(), Fixed(lam=1e-6), GCV(), REML()), (None, weights)):
                 fit = smooth(t, y, rule, sigma=0.01, weights=weight)
                 alone = smooth(t, y[:, 0], rule, sigma=0.01)
-                found[-1] += [fit.values, fit.c, fit.derivative(1), fit.p, fit.edf, fit.S, alone.c, alone.p]
-    for one, other in product(found[:1], found[1:]):
-        for first, second in zip(one, other, strict=True):
+                result[-1] += [fit.values, fit.c, fit.derivative(1), fit.p, fit.edf, fit.S, alone.c, alone.p]
+    for case, other in product(result[:1], result[1:]):
+        for first, second in zip(case, other, strict=True):
             np.testing.assert_array_equal(first, second)
 
 
@@ -151,10 +151,10 @@ def test_splines_are_those_of_lapack(rule: Any, weighted: bool, columns: int) ->
         t = np.concatenate(([0.0], np.cumsum(steps(n, spread, rng)))) * 0.01
         y = np.sin(np.outer(3 * t, np.arange(1, columns + 1))) + 0.02 * rng.standard_normal((n, columns))
         weights = rng.uniform(0.3, 3, y.shape) if weighted else None
-        found = smooth(t, y, rule, sigma=0.02, weights=weights)
+        motion = smooth(t, y, rule, sigma=0.02, weights=weights)
         with kernel_level("off"):
             expected = smooth(t, y, rule, sigma=0.02, weights=weights)
-            assert_same(found, expected)
+            assert_same(motion, expected)
 
 
 FIGURES = ("values", "c", "p", "lam", "S", "sigma", "residual", "accuracy")
@@ -213,12 +213,12 @@ def test_which_single_series_the_kernel_fits() -> None:
     assert compiled.fit_single(t, y, 0, 1e9, 0.01) is None
 
 
-def assert_same(found: SmoothingSpline, expected: SmoothingSpline) -> None:
+def assert_same(spline: SmoothingSpline, expected: SmoothingSpline) -> None:
     for name in ("p", "S", "edf"):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-7, err_msg=name)
+        np.testing.assert_allclose(getattr(spline, name), getattr(expected, name), rtol=1e-7, err_msg=name)
     for order, rtol in ((0, 1e-9), (1, 1e-8), (2, 1e-7)):
-        one, other = found.derivative(order), expected.derivative(order)
-        np.testing.assert_allclose(one, other, atol=rtol * np.abs(other).max())
+        first, second = spline.derivative(order), expected.derivative(order)
+        np.testing.assert_allclose(first, second, atol=rtol * np.abs(second).max())
 
 
 @compiled_only
@@ -232,16 +232,16 @@ def test_what_is_done_to_the_data(n: int, columns: int) -> None:
     unit, size, bend = ((2.0 ** rng.integers(-3, 3, columns)).tolist() for _ in range(3))
     systems = [System(grid, rng.uniform(0.5, 2, n)) for _ in range(columns)]
     u = list(rng.standard_normal((columns, n - 2)))
-    found: list[Any] = [*scale_columns(grid, t, y, unit)[:2], *spline_values(y, systems, u, size, bend)]
+    result: list[Any] = [*scale_columns(grid, t, y, unit)[:2], *spline_values(y, systems, u, size, bend)]
     left, (low, high, finite) = scale_columns(grid, t, y, unit)[2], column_ranges(y)
     with kernel_level("off"):
         expected: list[Any] = [*scale_columns(grid, t, y, unit)[:2], *spline_values(y, systems, u, size, bend)]
         assert slopes(t, *expected[2:]) is None
-        for one, other in zip((low, high), column_ranges(y), strict=False):
-            np.testing.assert_array_equal(one, other)
+        for first, second in zip((low, high), column_ranges(y), strict=False):
+            np.testing.assert_array_equal(first, second)
     assert finite
-    for one, other in zip(found, expected, strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-13 * np.abs(other).max(), rtol=1e-13)
+    for first, second in zip(result, expected, strict=True):
+        np.testing.assert_allclose(first, second, atol=1e-13 * np.abs(second).max(), rtol=1e-13)
     for k in range(columns):
         line = np.polyval(np.polyfit(t, y[:, k], 1), t)
         if n > 3:
@@ -256,10 +256,10 @@ def test_the_noise_is_that_of_numpy(n: int, weights: int | None, columns: int) -
     rng = np.random.default_rng(n)
     t, y = np.cumsum(steps(n + 1, 0.5, rng)), rng.standard_normal((n, 9))[:, :columns]
     weight = None if weights is None else rng.uniform(0.5, 2, (n, min(weights, columns)))
-    found = noise_sigma(t, y, weight)
+    result = noise_sigma(t, y, weight)
     with kernel_level("off"):
-        np.testing.assert_allclose(found, noise_sigma(t, y, weight), rtol=1e-12)
-    np.testing.assert_array_equal(noise_sigma(t, y[:, 0], None if weight is None else weight[:, 0]), found[0])
+        np.testing.assert_allclose(result, noise_sigma(t, y, weight), rtol=1e-12)
+    np.testing.assert_array_equal(noise_sigma(t, y[:, 0], None if weight is None else weight[:, 0]), result[0])
 
 
 @compiled_only
@@ -274,9 +274,9 @@ def test_what_lies_side_by_side_is_finished_as_what_does_not(n: int, columns: in
     lanes = [rng.standard_normal((n, Solver().lanes)) for _ in range(0, columns, Solver().lanes)]
     u = [part[1:-1, j] for part in lanes for j in range(Solver().lanes)][:columns]
     for some in (u, [u[0].copy(), *u[1:]], [*u[:-1], u[-1].copy()]):
-        expected = spline_values(y, systems, [np.ascontiguousarray(one) for one in u], unit, unit)
-        for one, other in zip(spline_values(y, systems, some, unit, unit), expected, strict=True):
-            np.testing.assert_array_equal(one, other)
+        expected = spline_values(y, systems, [np.ascontiguousarray(x) for x in u], unit, unit)
+        for first, second in zip(spline_values(y, systems, some, unit, unit), expected, strict=True):
+            np.testing.assert_array_equal(first, second)
 
 
 @compiled_only
@@ -294,8 +294,8 @@ def test_a_value_that_is_not_finite_is_seen_wherever_it_is(wrong: float, shape: 
 def test_a_system_that_breaks_down_says_so_beside_ones_that_do_not(refine: bool) -> None:
     system, z = System(Grid(np.diff(1e-6 * np.arange(60_000)) * 1e6)), np.sin(40e-6 * np.arange(59_998))
     asked = [SplineTrial(BareProblem(system, z), p, refine) for p in (0.5 / 20_000.0**4, 1e-4, 1.0, 1e-3)]
-    for solved in (Solver()(asked), [Solver()([one])[0] for one in asked]):
-        assert all(isinstance(one, Solution) and np.isfinite(one.rss) for one in solved[1:])
+    for solved in (Solver()(asked), [Solver()([x])[0] for x in asked]):
+        assert all(isinstance(x, Solution) and np.isfinite(x.rss) for x in solved[1:])
         assert isinstance(solved[0], IllConditionedError)
         assert str(solved[0]) == "the Cholesky factorisation broke down"
 

@@ -92,8 +92,8 @@ def test_coloured_noise_is_seen_in_what_was_smoothed_away(rho: float) -> None:
     noise = lfilter([1.0], [1.0, -rho], fresh, axis=0)[1000:]
     y = np.stack([np.sin(t), np.cos(2 * t)], axis=1) + 1e-3 * noise
     fitted = smooth(t, y, sigma=np.full(2, 1e-3))
-    sigma, found = coloured_noise(t, y, y - fitted.values, fitted.bandwidth)
-    np.testing.assert_allclose(found, rho, atol=5 * np.sqrt((1 - rho**2) / 8000) + 0.02)
+    sigma, result = coloured_noise(t, y, y - fitted.values, fitted.bandwidth)
+    np.testing.assert_allclose(result, rho, atol=5 * np.sqrt((1 - rho**2) / 8000) + 0.02)
     np.testing.assert_allclose(sigma, 1e-3, rtol=0.15)
 
 

@@ -46,11 +46,11 @@ def test_solves_the_dense_system(n: int, p: float) -> None:
     A = D @ D.T + p * N
     z = quintic.differences(y)
     u = np.linalg.solve(A, z)
-    found = quintic.solve(p, y)
-    np.testing.assert_allclose(found.u, u, rtol=1e-8, atol=1e-9 * np.abs(u).max())
-    np.testing.assert_allclose(found.g, y - quintic.spread(u), atol=1e-9)
-    assert found.penalised_rss == pytest.approx(z @ u, rel=1e-9)
-    assert found.log_det == pytest.approx(np.linalg.slogdet(A)[1], abs=1e-9)
+    solution = quintic.solve(p, y)
+    np.testing.assert_allclose(solution.u, u, rtol=1e-8, atol=1e-9 * np.abs(u).max())
+    np.testing.assert_allclose(solution.g, y - quintic.spread(u), atol=1e-9)
+    assert solution.penalised_rss == pytest.approx(z @ u, rel=1e-9)
+    assert solution.log_det == pytest.approx(np.linalg.slogdet(A)[1], abs=1e-9)
 
 
 def test_derivatives_are_those_of_the_natural_spline() -> None:
@@ -68,13 +68,13 @@ def test_bandwidths_of_thousands_of_samples_keep_their_digits(m: int) -> None:
     n = 70 * m
     t = np.arange(n) - n // 2
     w, p = 0.5 / m, 0.5 / m**6
-    found = QuinticSystem(np.ones(n - 1)).solve(p, np.cos(w * t))
-    first, second = QuinticSystem(np.ones(n - 1)).derivatives(found.g, p * found.u)
+    solution = QuinticSystem(np.ones(n - 1)).solve(p, np.cos(w * t))
+    first, second = QuinticSystem(np.ones(n - 1)).derivatives(solution.g, p * solution.u)
     discrete = 2 * np.sin(w / 2)
     aliased = sum((w + 2 * np.pi * k) ** -6 for k in range(-3, 4)) * discrete**6
     gain = aliased / (aliased + discrete**6 / (2 * p))
     middle = np.abs(t) < m
-    np.testing.assert_allclose(found.g[middle], gain * np.cos(w * t[middle]), atol=1e-7)
+    np.testing.assert_allclose(solution.g[middle], gain * np.cos(w * t[middle]), atol=1e-7)
     np.testing.assert_allclose(second[middle] / w**2, -gain * np.cos(w * t[middle]), atol=1e-4 / m**1.5 + 2e-6)
     np.testing.assert_allclose(first[middle] / w, -gain * np.sin(w * t[middle]), atol=1e-4 / m**1.5 + 2e-6)
 
@@ -93,10 +93,10 @@ def test_b_splines_of_every_degree_in_use_are_those_of_scipy_also_at_repeated_kn
     knots = np.concatenate([np.zeros(degree + 1), inside, np.full(degree + 1, inside[-1] + 0.5)])
     t = np.concatenate([np.sort(rng.uniform(0, knots[-1], 60)), [0.0]])
     m = np.searchsorted(knots, t, side="right") - 1
-    found, count = local_basis(knots, degree, m, t), len(knots) - degree - 1
+    result, count = local_basis(knots, degree, m, t), len(knots) - degree - 1
     spline = BSpline(knots, np.eye(count), degree)
     for order in range(3):
-        whole = np.zeros((len(t), count))
-        whole[np.arange(len(t))[:, None], m[:, None] - degree + np.arange(degree + 1)] = found[order]
+        zeros = np.zeros((len(t), count))
+        zeros[np.arange(len(t))[:, None], m[:, None] - degree + np.arange(degree + 1)] = result[order]
         expected = spline.derivative(order)(t) if order else spline(t)
-        np.testing.assert_allclose(whole, expected, rtol=1e-10, atol=1e-9)
+        np.testing.assert_allclose(zeros, expected, rtol=1e-10, atol=1e-9)

@@ -116,10 +116,10 @@ def test_reaches_the_constraint_on_long_data(n: int) -> None:
 
 def test_small_samples_and_slow_motion_reach_the_constraint_without_warnings() -> None:
     """Where the noise is nearly all there is, the search must not run away."""
-    one = smooth(
+    motion = smooth(
         [0, 0.1, 0.2, 0.3], [-0.32605163, 1.48951205, 0.00707818, -0.86067922], Constraint(2.00146018), sigma=1
     )
-    assert pytest.approx(2.00146018, rel=1e-8) == one.S
+    assert pytest.approx(2.00146018, rel=1e-8) == motion.S
     rng = np.random.default_rng(0)
     for _ in range(300):
         n = int(rng.integers(3, 13))

@@ -31,9 +31,9 @@ def test_inverse_hermite_interpolation_is_exact_for_a_cubic() -> None:
 
 
 def test_inverse_interpolation_is_exact_for_a_parabola() -> None:
-    known = [(3 - 2 * s + 0.3 * s * s, 0.0, s) for s in (-1.0, 0.4, 2.0)]
-    assert _parabola_zero(known) == pytest.approx(3.0, rel=1e-12)
-    assert np.isnan(_parabola_zero([known[0], known[0], known[1]]))
+    reference = [(3 - 2 * s + 0.3 * s * s, 0.0, s) for s in (-1.0, 0.4, 2.0)]
+    assert _parabola_zero(reference) == pytest.approx(3.0, rel=1e-12)
+    assert np.isnan(_parabola_zero([reference[0], reference[0], reference[1]]))
 
 
 def test_a_slope_is_continued_by_at_most_a_tenth() -> None:
@@ -92,7 +92,7 @@ def test_an_error_of_one_search_is_its_own() -> None:
     bad = BareProblem(system, second_difference(np.sin(40e-6 * np.arange(60_000)), system.step))
     with pytest.raises(IllConditionedError):
         run_searches([once(bad, 1e-2), once(bad, 0.5 / 20_000.0**4)])
-    assert [one.p for one in run_searches([once(bad, 1e-2), once(bad, 1.0)])] == [1e-2, 1.0]
+    assert [run_search.p for run_search in run_searches([once(bad, 1e-2), once(bad, 1.0)])] == [1e-2, 1.0]
 
 
 @pytest.mark.parametrize("n", [1000, 4000, 20_000])
@@ -105,10 +105,10 @@ def test_few_trials_reach_the_constraint(monkeypatch: pytest.MonkeyPatch, n: int
     y = np.column_stack([y, y])  # a single series is searched in the kernel
     fit = smooth(t, y, Constraint(), sigma=1e-3)
     assert pytest.approx(n, rel=1e-10) == np.max(fit.S)
-    assert sum(one.series.system.size == n - 2 for one in asked) <= 2 * 9
+    assert sum(x.series.system.size == n - 2 for x in asked) <= 2 * 9
     asked.clear()
     smooth(t, y, GCV())
-    assert sum(one.series.system.size == n - 2 for one in asked) <= 2 * (12 + 7)
+    assert sum(x.series.system.size == n - 2 for x in asked) <= 2 * (12 + 7)
 
 
 @pytest.mark.parametrize("seed", [4, 9, 14, 16, 24])

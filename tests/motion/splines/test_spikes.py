@@ -42,9 +42,9 @@ def test_spikes_of_ten_deviations_are_found_and_nothing_else() -> None:
         rng, x = np.random.default_rng(seed), signal(seed)
         rows = rng.choice(np.arange(50, 4950, 60), 20, replace=False)
         x[rows] += 10 * NOISE * rng.choice([-1, 1], 20)
-        found = np.flatnonzero(spikes(T, x))
-        assert set(found) <= set(rows)
-        hits += len(found)
+        result = np.flatnonzero(spikes(T, x))
+        assert set(result) <= set(rows)
+        hits += len(result)
     assert hits >= 0.85 * 400
 
 
@@ -101,9 +101,9 @@ def test_torn_ends_are_found_and_continued(width: int) -> None:
     x = signal(0)
     torn = x.copy()
     torn[:width], torn[-width:] = 0.5, 7.0
-    found = torn_ends(T, torn)
-    assert np.flatnonzero(found).tolist() == [*range(width), *range(len(T) - width, len(T))]
-    assert np.abs(bridge_gaps(T, torn, found) - x).max() < 30 * NOISE
+    result = torn_ends(T, torn)
+    assert np.flatnonzero(result).tolist() == [*range(width), *range(len(T) - width, len(T))]
+    assert np.abs(bridge_gaps(T, torn, result) - x).max() < 30 * NOISE
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -126,9 +126,9 @@ def test_the_step_of_rounded_values_is_the_twentieth_percentile_of_their_steps()
 
 def test_two_of_a_thousand_steps_make_values_that_repeat() -> None:
     steps = np.ones(1000)
-    for rests, found in ((1, 0.0), (2, 1.0)):
+    for rests, result in ((1, 0.0), (2, 1.0)):
         steps[:rests] = 0.0
-        assert _increment(np.cumsum(np.append(0.0, steps))) == found
+        assert _increment(np.cumsum(np.append(0.0, steps))) == result
 
 
 def test_a_spike_of_rounded_values_is_higher_than_twice_their_steps() -> None:

@@ -134,14 +134,14 @@ def test_scaling_and_shifting(rule: Constraint) -> None:
     y = np.sin(6 * t) + 0.01 * np.random.default_rng(0).standard_normal(256)
     sigma = 0.01 if isinstance(rule, Constraint) else None
     a, b = 2.0**10, 2.0**-7
-    one = smooth(t, y, rule, sigma=sigma)
+    motion = smooth(t, y, rule, sigma=sigma)
     if not isinstance(rule, Fixed):
         two = smooth(a * t, b * y, rule, sigma=b * sigma if sigma else None)
-        np.testing.assert_allclose(two.values, b * one.values, rtol=0, atol=1e-10 * b)
-        np.testing.assert_allclose(two.c, one.c * b / a**2, rtol=0, atol=1e-7 * np.abs(one.c).max() * b / a**2)
+        np.testing.assert_allclose(two.values, b * motion.values, rtol=0, atol=1e-10 * b)
+        np.testing.assert_allclose(two.c, motion.c * b / a**2, rtol=0, atol=1e-7 * np.abs(motion.c).max() * b / a**2)
     three = smooth(t + 1024.0, y + 64.0, rule, sigma=sigma)
-    np.testing.assert_allclose(three.values - 64.0, one.values, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(three.c, one.c, rtol=0, atol=1e-6 * np.abs(one.c).max())
+    np.testing.assert_allclose(three.values - 64.0, motion.values, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(three.c, motion.c, rtol=0, atol=1e-6 * np.abs(motion.c).max())
 
 
 @pytest.mark.parametrize("rule", RULES, ids=repr)
@@ -159,8 +159,8 @@ def test_columns_are_smoothed_each_on_its_own(rule: Constraint, weighted: bool) 
         assert isinstance(single, SmoothingSpline)
         np.testing.assert_allclose(fit.values[:, k], single.values, atol=1e-7)
         for name in ("p", "lam", "S", "edf", "noise", "bandwidth"):
-            both_value, one = getattr(fit, name)[k], getattr(single, name)
-            assert np.isnan(one) if np.isnan(both_value) else one == pytest.approx(both_value, rel=1e-4), name
+            both_value, case = getattr(fit, name)[k], getattr(single, name)
+            assert np.isnan(case) if np.isnan(both_value) else case == pytest.approx(both_value, rel=1e-4), name
 
 
 @pytest.mark.parametrize("order", [0, 1, 2, 3])

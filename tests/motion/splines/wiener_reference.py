@@ -51,13 +51,13 @@ def recursion(t: np.ndarray, y: np.ndarray, order: int, r: float, q: float) -> t
     The first m samples tell the start exactly; the likelihood is that of the others given them.
     """
     x, P = _start(t[:order], y[:order], order, r, q)
-    means, spreads, ahead, whole = [x], [P], [], 0.0
+    means, spreads, ahead, full = [x], [P], [], 0.0
     for k in range(order, len(t)):
         F, Q = _step(t[k] - t[k - 1], order, q)
         x, P = F @ x, F @ P @ F.T + Q
         ahead.append((F, x, P))
         error, variance = y[k] - x[0], P[0, 0] + r
-        whole -= 0.5 * (np.log(2 * np.pi * variance) + error**2 / variance)
+        full -= 0.5 * (np.log(2 * np.pi * variance) + error**2 / variance)
         gain = P[:, 0] / variance
         x, keep = x + gain * error, np.eye(order) - np.outer(gain, np.eye(order)[0])
         P = keep @ P @ keep.T + r * np.outer(gain, gain)
@@ -68,7 +68,7 @@ def recursion(t: np.ndarray, y: np.ndarray, order: int, r: float, q: float) -> t
         gain = spreads[k] @ F.T @ np.linalg.inv(P)
         means[k] = means[k] + gain @ (means[k + 1] - x)
         spreads[k] = spreads[k] + gain @ (spreads[k + 1] - P) @ gain.T
-    return np.array(means), np.array(spreads), whole
+    return np.array(means), np.array(spreads), full
 
 
 def _step(h: float, order: int, q: float) -> tuple[np.ndarray, np.ndarray]:

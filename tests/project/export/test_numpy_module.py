@@ -22,15 +22,15 @@ from tests.project.export.arms import arm
 @pytest.mark.parametrize("name", MODELS)
 def test_symbolic_models_are_printed(name):
     model, rng = MODELS[name](), np.random.default_rng(0)
-    one = IdentifiedModel(model, rng.normal(size=len(model.parameters)))
+    identified_model = IdentifiedModel(model, rng.normal(size=len(model.parameters)))
     states = random_states(len(model.joints), rng, 50)
-    made = export(one, Numpy(), states)
+    made = export(identified_model, Numpy(), states)
     assert made.ready, made.refusal
     assert made.proof.agreement < 1e-12
     namespace = {}
     exec(made.written.text, namespace)
     mass = namespace["mass_matrix"](states[0])
-    np.testing.assert_allclose(mass, model.mass_matrix(states[0], one.value), rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(mass, model.mass_matrix(states[0], identified_model.value), rtol=1e-10, atol=1e-10)
 
 
 def test_it_needs_only_numpy(tmp_path):
@@ -75,13 +75,13 @@ def test_terms_of_the_user_give_their_formula():
     joints = (Joint("a"), Joint("b"), Joint("c"))
     model = Model((Viscous(joints), Cubic(joints, on=("c", "a")), Sway(joints)))
     rng = np.random.default_rng(0)
-    one = IdentifiedModel(model, rng.normal(size=6))
+    identified_model = IdentifiedModel(model, rng.normal(size=6))
     states = random_states(3, rng, 50)
-    assert export(one, Numpy(), states).ready
+    assert export(identified_model, Numpy(), states).ready
     namespace = {}
-    exec(identified_module(one).text, namespace)
+    exec(identified_module(identified_model).text, namespace)
     expected = np.zeros((50, 3, 3))
-    expected[:, 2, 2] = one.value[-1] * np.cos(states[0][:, 2])
+    expected[:, 2, 2] = identified_model.value[-1] * np.cos(states[0][:, 2])
     np.testing.assert_allclose(namespace["mass_matrix"](states[0]), expected, atol=1e-12)
     np.testing.assert_allclose(namespace["mass_matrix"](states[0][0]), expected[0], atol=1e-12)
 

@@ -32,10 +32,10 @@ def test_the_torque_is_that_of_the_arm_with_the_payload() -> None:
 def test_the_torque_in_pinocchio_is_that_of_the_arm_with_the_payload() -> None:
     bodies = RigidBodies(SIX)
     peer = pinocchio.buildModelFromXML(with_payload_link(SIX, "arm_tool0", *BODY))
-    theta = np.array([one.value for one in bodies.parameters]) + added()
+    theta = np.array([parameter.value for parameter in bodies.parameters]) + added()
     q, dq, ddq = np.random.default_rng(1).uniform(-3, 3, (3, 20, 6))
-    place = [peer.idx_qs[peer.getJointId(one.name)] for one in bodies.joints]
-    where = [peer.idx_vs[peer.getJointId(one.name)] for one in bodies.joints]
+    place = [peer.idx_qs[peer.getJointId(joint.name)] for joint in bodies.joints]
+    where = [peer.idx_vs[peer.getJointId(joint.name)] for joint in bodies.joints]
     for states in zip(q, dq, ddq, bodies.torque(q, dq, ddq, theta), strict=True):
         turned, speeds = pinocchio.neutral(peer), np.zeros((2, peer.nv))
         turned[place], turned[np.add(place, 1)] = np.cos(states[0]), np.sin(states[0])  # continuous joints
@@ -57,7 +57,7 @@ def test_any_name_is_escaped_and_found_whatever_stands_before_it() -> None:
     text = SIX.replace('<link name="arm_tool0"', '<link rename="other" name="a &amp; &quot;b\'&quot;"')
     text = text.replace('"arm_tool0"', '"a &amp; &quot;b\'&quot;"')
     after = with_payload_link(text, 'a & "b\'"', *BODY)
-    parents = [one.parent for one in read_urdf(parse(after, "a"), "a").joints if one.child == "payload"]
+    parents = [joint.parent for joint in read_urdf(parse(after, "a"), "a").joints if joint.child == "payload"]
     assert parents == ['a & "b\'"']
     assert check_payload_link(text, after, RigidBodies(text), added()) < 1e-9
 

@@ -46,7 +46,7 @@ def six_axes(rotors=ROTORS, offset=0.0):
 
 
 def test_where_nothing_can_be_left_of_many_less_is_tried(monkeypatch):
-    one, tried = six_axes(), []
+    model, tried = six_axes(), []
 
     def refusing(*arguments):
         tried.append(1)
@@ -55,26 +55,28 @@ def test_where_nothing_can_be_left_of_many_less_is_tried(monkeypatch):
         return minimise(*arguments)
 
     monkeypatch.setattr("dynident.project.export.written.minimise", refusing)
-    moved = place_values(one, armature=False)
+    moved = place_values(model, armature=False)
     assert len(tried) > 2
     state = random_states(6, np.random.default_rng(0))
-    np.testing.assert_allclose(moved.model.torque(*state, moved.value), one.model.torque(*state, one.value), atol=1e-8)
+    np.testing.assert_allclose(
+        moved.model.torque(*state, moved.value), model.model.torque(*state, model.value), atol=1e-8
+    )
 
 
 def test_bodies_at_the_edge_of_what_is_physical_take_what_they_can():
     """Only what is free without leaving consistency: a mass that is known is not made up."""
-    one = six_axes()
-    value = one.value.copy()
+    model = six_axes()
+    value = model.value.copy()
     value[[4, 6, 9]] = 0.5, 0.5, 0.9932  # link 1 has no room left in its triangle, but for more of both
-    edge = place_values(replace(one, value=value), armature=False)
+    edge = place_values(replace(model, value=value), armature=False)
     assert edge.value[60] == pytest.approx(0.0, abs=1e-9)
     assert all(consistency_violations(body) == () for body in edge.bodies[1])
 
 
 @pytest.mark.parametrize("armature", [True, False])
 def test_nothing_moves_where_nothing_is_to_be_gained(armature):
-    one = six_axes(rotors=np.zeros(6))
-    assert place_values(one, armature=armature) is one
+    model = six_axes(rotors=np.zeros(6))
+    assert place_values(model, armature=armature) is model
     assert place_values(six_axes(), armature=True).value.tolist() == six_axes().value.tolist()
 
 
@@ -95,4 +97,4 @@ def test_a_file_has_its_own_error_on_the_logs():
     assert error.file == pytest.approx(
         np.hypot(error.model, share), rel=0.01
     )  # the constant torque, and nothing of the rotor
-    assert all(one.file == one.model for other in others for one in other.errors)
+    assert all(error.file == error.model for other in others for error in other.errors)

@@ -26,21 +26,21 @@ def text(exporter):
 
 @pytest.mark.parametrize("exporter", WRONG)
 def test_a_wrong_digit_is_noticed(exporter):
-    one = arm(text(exporter))
-    written = exporter.write(one)
-    assert prove(written, one, STATES, exporter).agreement < 1e-8
+    test_arm = arm(text(exporter))
+    written = exporter.write(test_arm)
+    assert prove(written, test_arm, STATES, exporter).agreement < 1e-8
     old, new = WRONG[exporter]
     assert old in written.text
     tampered = replace(written, text=written.text.replace(old, new, 1))
-    assert not prove(tampered, one, STATES, exporter).proven
-    assert exporter == Yaml() or prove(tampered, one, STATES, exporter).agreement < 1e-2
+    assert not prove(tampered, test_arm, STATES, exporter).proven
+    assert exporter == Yaml() or prove(tampered, test_arm, STATES, exporter).agreement < 1e-2
 
 
 @pytest.mark.parametrize("exporter", WRONG)
 def test_a_text_that_cannot_be_read_is_not_proven(exporter):
-    one = arm(text(exporter))
-    written = exporter.write(one)
-    proof = prove(replace(written, text=written.text[: len(written.text) // 2]), one, STATES, exporter)
+    test_arm = arm(text(exporter))
+    written = exporter.write(test_arm)
+    proof = prove(replace(written, text=written.text[: len(written.text) // 2]), test_arm, STATES, exporter)
     assert not proof.proven
     told = [words for words in proof.skipped if "installed" not in words]
     assert told
@@ -52,9 +52,9 @@ def test_what_shapes_lack_is_not_printed_by_the_parser_of_pinocchio(capfd):
     material = '<material name="blue"/>'
     shape = f'<visual><geometry><box size="1 1 1"/></geometry>{material}</visual>'
     robot = ARM.replace("<link", f"{material}<link", 1).replace("</inertial>", f"</inertial>{shape}", 1)
-    exporter, one = Urdf(), arm(robot)
-    assert material in (written := exporter.write(one)).text
-    assert "Pinocchio" in prove(written, one, STATES, exporter).readers
+    exporter, test_arm = Urdf(), arm(robot)
+    assert material in (written := exporter.write(test_arm)).text
+    assert "Pinocchio" in prove(written, test_arm, STATES, exporter).readers
     assert capfd.readouterr() == ("", "")
 
 

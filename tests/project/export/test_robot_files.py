@@ -70,8 +70,8 @@ def test_relative_file_names_lead_from_another_folder_to_the_same_files():
 
 
 def test_mjcf_holds_rotor_inertia_and_gravity():
-    one = arm(ARM_MJCF, gravity=(0.0, 9.81, 0.0))
-    written = identified_mjcf(replace(one, value=np.append(one.value[:-1], 0.0)))
+    test_arm = arm(ARM_MJCF, gravity=(0.0, 9.81, 0.0))
+    written = identified_mjcf(replace(test_arm, value=np.append(test_arm.value[:-1], 0.0)))
     assert [line.split(" = ")[0] for line in written.left_out] == [
         "offset_shoulder", "offset_rail", "offset_twist",
     ]  # fmt: skip
@@ -137,11 +137,11 @@ def test_an_mjcf_of_a_urdf_is_complete():
 
 def test_actuators_follow_as_the_model_says():
     """MuJoCo's own forward dynamics with the torque of the model as control has the model's acceleration."""
-    one = arm(gravity=(0.0, 1.0, -9.0))
-    value = one.value.copy()
+    case = arm(gravity=(0.0, 1.0, -9.0))
+    value = case.value.copy()
     value[-1] = 0.0  # no motor of two joints
-    one = replace(one, value=value)
-    model = mujoco.MjModel.from_xml_string(identified_mjcf(one).text)
+    case = replace(case, value=value)
+    model = mujoco.MjModel.from_xml_string(identified_mjcf(case).text)
     model.dof_frictionloss[:] = 0.0  # soft at rest
     model.jnt_limited[:] = model.actuator_ctrllimited[:] = model.actuator_forcelimited[:] = 0
     model.jnt_actfrclimited[:] = 0
@@ -149,8 +149,8 @@ def test_actuators_follow_as_the_model_says():
     for q, dq, ddq in zip(*STATES, strict=True):
         friction = np.array([2.0, 2.0, 2.0]) * np.sign(dq)
         data.qpos[:], data.qvel[:] = q, dq
-        memory = np.zeros((1, one.model.memory))
-        data.ctrl[:] = one.model.torque(q[None], dq[None], ddq[None], value, memory)[0] - friction
+        memory = np.zeros((1, case.model.memory))
+        data.ctrl[:] = case.model.torque(q[None], dq[None], ddq[None], value, memory)[0] - friction
         mujoco.mj_forward(model, data)
         np.testing.assert_allclose(data.qacc, ddq, atol=1e-8)
 

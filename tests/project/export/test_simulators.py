@@ -23,8 +23,8 @@ SERVOS = {"shoulder": Servo(17.0, 1.5, 3.0, 0.02, 5.0)}
 
 
 def identified(text=ARM, gravity=(1.0, 2.0, -9.0)):
-    one = arm(text, gravity=gravity)
-    return replace(one, std=np.full(len(one.value), 0.01), servos=SERVOS)
+    test_arm = arm(text, gravity=gravity)
+    return replace(test_arm, std=np.full(len(test_arm.value), 0.01), servos=SERVOS)
 
 
 @pytest.mark.parametrize("exporter", FORMATS, ids=lambda exporter: exporter.format)
@@ -128,16 +128,19 @@ def test_an_isaac_module_has_values_by_joint(gravity):
 
 
 def test_ranges_are_those_of_values_in_the_file():
-    one = identified()
-    one.std.flags.writeable = True
-    std = one.std.copy()
-    std[one.model.names.index("Fv_rail")] = np.inf
-    std[one.model.names.index("Fc_rail")] = 5.0
-    values = {(x.attribute, x.name): (x.low, x.high) for x in ranges(replace(one, std=std), drives(one, armature=True))}
+    identification = identified()
+    identification.std.flags.writeable = True
+    std = identification.std.copy()
+    std[identification.model.names.index("Fv_rail")] = np.inf
+    std[identification.model.names.index("Fc_rail")] = 5.0
+    values = {
+        (x.attribute, x.name): (x.low, x.high)
+        for x in ranges(replace(identification, std=std), drives(identification, armature=True))
+    }
     assert ("damping", "rail") not in values
     assert values["friction", "rail"] == pytest.approx((0.0, 2 + 1.96 * 5))
     assert values["mass", "wrist"] == pytest.approx((3 - 0.0196, 3 + 0.0196))
-    assert ranges(replace(one, std=None), drives(one, armature=True)) == ()
+    assert ranges(replace(identification, std=None), drives(identification, armature=True)) == ()
 
 
 CONFIG = """

@@ -87,21 +87,21 @@ def test_names_cannot_break_out_of_the_page():
 def test_seven_joints_of_long_logs_stay_below_six_megabytes():
     """Noise everywhere, so that no curve is thinner than any other; free simulations and recordings as well."""
     joints, rng = tuple(f"joint{i}" for i in range(7)), np.random.default_rng(1)
-    found = identification_of(joints, ("train", "test"))
-    for log in found.validations:
+    identification = identification_of(joints, ("train", "test"))
+    for log in identification.validations:
         t, (q, dq, ddq, tau) = np.arange(8000) / 1000, rng.standard_normal((4, 8000, 7))
         log.motion = Motion(t, q, dq, ddq, tau, joints, np.ones(len(t), bool), log.name)
         log.predicted_torque = tau + rng.standard_normal(tau.shape)
         log.recorded_log = Log(t, q + 0.1, tau, joints)
     each = dict.fromkeys(joints, 1.0)
-    found.runs = tuple(
+    identification.runs = tuple(
         SimpleNamespace(
             name=log.name, joints=joints, driver="controller", restart=None, t=log.motion.t, q=log.motion.q + 0.1,
             measured=log.motion.q, relative_error=each, motion_error=each, rms=each, torque_error=each, failure="",
         )
-        for log in found.validations
+        for log in identification.validations
     )  # fmt: skip
-    page = body(found)
+    page = body(identification)
     assert Outline(page).count("figure") == 3 + 2 * 7 * 3
     assert 2_000_000 < len(page) < 6_000_000
 
@@ -153,16 +153,16 @@ def robot(bodies=5, basis=True):
     inertial = [Parameter(f"{role}{k}", "kg", role=role, body=f"link{k}") for k in range(bodies) for role in INERTIAL]
     parameters = (*inertial, Parameter("Fv1", "N m s/rad", role="viscous"), Parameter("Fv2", "N m s/rad"))
     p = len(parameters)
-    found = identification_of()
-    found.model.parameters = parameters
-    found.errors = StandardErrors(np.full(p, 0.1), np.full(p, 0.1))
-    found.notes = (RankDeficient(42, 52, tied=(("mass1", "mass2"),) * 30),)
-    vars(found.estimate).update(
+    identification = identification_of()
+    identification.model.parameters = parameters
+    identification.errors = StandardErrors(np.full(p, 0.1), np.full(p, 0.1))
+    identification.notes = (RankDeficient(42, 52, tied=(("mass1", "mass2"),) * 30),)
+    vars(identification.estimate).update(
         value=np.arange(1.0, p + 1),
         std=np.full(p, 0.1),
         names=tuple(parameter.name for parameter in parameters),
         units=tuple(parameter.unit for parameter in parameters),
-        notes=found.notes,
+        notes=identification.notes,
         determined=DataRank(42, 143.7),
         provenance=(Provenance.DATA,) * (p - 1) + (Provenance.BOUND,),
         consistency=Consistency({"link0": 0.0123, "link1": 0.0}, {"inertia": 0.25, "all": 0.5}),
@@ -172,15 +172,17 @@ def robot(bodies=5, basis=True):
         combination = np.eye(p)[:42]
         combination[3, 50] = 2.0
         values = np.r_[np.ones(42), np.full(p - 42, 1e-12)]
-        on_data = BaseParameters(found.estimate.names, 42, values, independent, combination, np.ones(p))
-        found.errors = StandardErrors(np.full(p, 0.1), np.full(p, 0.1), np.full(42, 0.5), np.full(42, 0.5))
-        found.base = Identifiability(on_data, SimpleNamespace(rank=44), (UnexcitedParameters(("Izz4",), ("elbow",)),))
-    return found
+        on_data = BaseParameters(identification.estimate.names, 42, values, independent, combination, np.ones(p))
+        identification.errors = StandardErrors(np.full(p, 0.1), np.full(p, 0.1), np.full(42, 0.5), np.full(42, 0.5))
+        identification.base = Identifiability(
+            on_data, SimpleNamespace(rank=44), (UnexcitedParameters(("Izz4",), ("elbow",)),)
+        )
+    return identification
 
 
-def printed(found):
+def printed(result):
     console = rich.console.Console(width=120, file=io.StringIO(), color_system=None)
-    console.print(*map(TerminalTable, identification_tables(found)))
+    console.print(*map(TerminalTable, identification_tables(result)))
     return console.file.getvalue()
 
 
@@ -198,10 +200,10 @@ def test_a_robot_shows_its_base_parameters_verdicts_and_consistency():
 
 
 def test_a_base_parameter_that_constraints_moved_is_shown_without_them_too():
-    found = robot()
-    free = found.estimate.value - 0.25 * np.eye(len(found.estimate.value))[0]
-    found.estimate.consistency = replace(found.estimate.consistency, unconstrained=free)
-    page = body(found)
+    result = robot()
+    free = result.estimate.value - 0.25 * np.eye(len(result.estimate.value))[0]
+    result.estimate.consistency = replace(result.estimate.consistency, unconstrained=free)
+    page = body(result)
     assert page.count("without constraints</th>") == 1
     assert page.count(">0.7500</td>") == 1
 
@@ -220,10 +222,10 @@ def test_a_terminal_shows_of_a_large_robot_what_is_not_inertial():
 
 
 def test_where_the_estimator_gives_no_verdict_the_base_parameters_do():
-    found = robot()
-    found.estimate.provenance = ()
-    found.base.on_data.combination[3, 50] = 1.0
-    page = body(found)
+    result = robot()
+    result.estimate.provenance = ()
+    result.base.on_data.combination[3, 50] = 1.0
+    page = body(result)
     for name, word in (("mass0", "data"), ("mz0", "in combination"), ("Izz4", "not identifiable")):
         row = re.search(rf'<td class="words">{name}</td>.*?<td class="words">([^<]*)</td></tr>', page)
         assert row[1] == word
@@ -231,12 +233,12 @@ def test_where_the_estimator_gives_no_verdict_the_base_parameters_do():
 
 def test_what_the_checks_found_besides_is_said(identification):
     spikes = log_notes.TorqueSpikes(1, (3000,), (6.0,), 5000.0, True, False)
-    found = [Finding(spikes, "elbow", source="swing")]
+    result = [Finding(spikes, "elbow", source="swing")]
     said = "1 torque stands out by up to 5000, unlike the motion: sample 3000 (t = 6 s). It is left out of the fit."
-    identification.findings = tuple(found)
+    identification.findings = tuple(result)
     assert identification_notes(identification)[-1].text.startswith(f"Warning: swing: elbow: {said}")
-    found += [Finding(Remark(f"odd {k}."), source="swing") for k in range(6)]
-    identification.findings = tuple(found)
+    result += [Finding(Remark(f"odd {k}."), source="swing") for k in range(6)]
+    identification.findings = tuple(result)
     assert identification_notes(identification)[-1].text == "Note: `dynident check` has 2 more warnings."
     page = body(identification)
     for text in ('<td class="words">swing: elbow</td>', said, "odd 5."):
@@ -266,12 +268,12 @@ def test_a_note_that_stands_against_a_use_is_said_once(monkeypatch, identificati
     assert len(said) == 1
 
 
-@pytest.mark.parametrize("found", [True, False])
-def test_an_offset_and_a_tilt_that_were_found_are_printed(found):
-    offset = TimeOffset(-0.0199 if found else 0.0, 5.0, 2.0, 1e-4)
-    tilt = BaseTilt(0.0, np.deg2rad(4.9) if found else 0.0, (1e-3, 1e-3), 5.0, 2.0)
+@pytest.mark.parametrize("result", [True, False])
+def test_an_offset_and_a_tilt_that_were_found_are_printed(result):
+    offset = TimeOffset(-0.0199 if result else 0.0, 5.0, 2.0, 1e-4)
+    tilt = BaseTilt(0.0, np.deg2rad(4.9) if result else 0.0, (1e-3, 1e-3), 5.0, 2.0)
     identification = identification_of()
     identification.calibration = Calibration(time_offset=offset, base_tilt=tilt)
     text = "\n".join(line.text for line in identification_notes(identification))
-    assert ("torques are stamped 20 +- 0.1 ms later than positions" in text) is found
-    assert ("Note: the base is tilted by" in text and "4.9" in text and "+-" in text) is found
+    assert ("torques are stamped 20 +- 0.1 ms later than positions" in text) is result
+    assert ("Note: the base is tilted by" in text and "4.9" in text and "+-" in text) is result

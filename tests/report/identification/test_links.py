@@ -17,31 +17,31 @@ from tests.report.robots import identified, tree
 
 
 def test_file_and_found_stand_side_by_side() -> None:
-    found = identified(PhysicallyConsistent())
-    (section,) = link_section(found)
-    mass, moments, by = (one for one in section.blocks if isinstance(one, PageTable))
-    assert [one.title for one in mass.columns[:4]] == ["link", "file", "found", "±"]
-    hand, known = mass.rows[2], link_inertias(found)[2]
+    identification = identified(PhysicallyConsistent())
+    (section,) = link_section(identification)
+    mass, moments, by = (block for block in section.blocks if isinstance(block, PageTable))
+    assert [x.title for x in mass.columns[:4]] == ["link", "file", "found", "±"]
+    hand, reference = mass.rows[2], link_inertias(identification)[2]
     assert hand[0] == "<b>hand"
     assert hand[1] == "0.700"
-    assert float(hand[2]) == pytest.approx(known.identified.mass, rel=5e-3)
-    assert float(hand[11].replace("−", "-")) == pytest.approx(1e3 * known.identified.centre[2], rel=5e-3)
+    assert float(hand[2]) == pytest.approx(reference.identified.mass, rel=5e-3)
+    assert float(hand[11].replace("−", "-")) == pytest.approx(1e3 * reference.identified.centre[2], rel=5e-3)
     assert mass.rows[0][0] == "turret (+1)"
-    assert float(moments.rows[2][2]) == pytest.approx(known.identified.moments[0], rel=5e-3)
+    assert float(moments.rows[2][2]) == pytest.approx(reference.identified.moments[0], rel=5e-3)
     assert moments.rows[0][3] == "open"  # the error of what the prior has chosen is not known
     kinds = (DeterminedBy.DATA, DeterminedBy.PRIOR)
-    for row, link in zip(by.rows, link_inertias(found), strict=True):
-        assert [int(one) for one in row[1:]] == [link.by.get(one, 0) for one in kinds]
+    for row, link in zip(by.rows, link_inertias(identification), strict=True):
+        assert [int(x) for x in row[1:]] == [link.by.get(kind, 0) for kind in kinds]
 
 
 def test_what_is_sure_in_part_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     first, *others = link_inertias(identified())
     value = BodyInertia(2.5, np.full(3, np.nan), np.full(3, np.nan), np.eye(3))
     sure = np.arange(7) == 0
-    known = replace(first, identified=value, std=np.full(7, 0.1), sure=sure)
-    monkeypatch.setattr(module, "link_inertias", lambda _: (known, *others))
+    reference = replace(first, identified=value, std=np.full(7, 0.1), sure=sure)
+    monkeypatch.setattr(module, "link_inertias", lambda _: (reference, *others))
     (section,) = link_section(identified())
-    mass = next(one for one in section.blocks if isinstance(one, PageTable))
+    mass = next(block for block in section.blocks if isinstance(block, PageTable))
     assert mass.rows[0][1:7] == ("4.20", "2.50", "0.10", *mass.rows[0][4:5], "-", "-")
     assert mass.rows[1][2:4] == ("-", "-")
     assert "does not choose" in section.blocks[0]

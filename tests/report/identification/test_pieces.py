@@ -15,10 +15,10 @@ def pieces(length: float, names: tuple[str, ...] = ("day",) * 4) -> Pieces:
 
 def test_residuals_are_relative_to_the_torque_of_all_pieces() -> None:
     figure = pieces_figure(pieces(100.0), ("one", "two"))
-    one, two = figure.data
-    np.testing.assert_allclose(one["y"], [10, 20, 10, 10])
+    case, two = figure.data
+    np.testing.assert_allclose(case["y"], [10, 20, 10, 10])
     np.testing.assert_allclose(two["y"], [10, np.nan, 10, 10])  # nothing was fitted in the second
-    np.testing.assert_allclose(one["x"], [50, 150, 250, 350])
+    np.testing.assert_allclose(case["x"], [50, 150, 250, 350])
     assert figure.layout["xaxis"]["title"] == {"text": "time, s"}
     np.testing.assert_allclose(pieces(100.0).relative_error, [100 * np.sqrt(7 / 400), 10.0])
 
@@ -26,7 +26,7 @@ def test_residuals_are_relative_to_the_torque_of_all_pieces() -> None:
 def test_long_ones_are_in_hours_and_recordings_apart() -> None:
     figure = pieces_figure(pieces(3600.0, ("monday", "monday", "<b>tuesday", "<b>tuesday")), ("one", "two"))
     assert figure.layout["xaxis"]["title"] == {"text": "time, h"}
-    assert [len(one["x"]) for one in figure.data] == [2, 2, 2, 2]
+    assert [len(x["x"]) for x in figure.data] == [2, 2, 2, 2]
     assert "<b>" not in figure.json()
 
 

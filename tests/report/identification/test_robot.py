@@ -25,21 +25,21 @@ def view(estimator: PhysicallyConsistent | None = None) -> Figure:
 
 def test_links_have_the_colour_of_what_determined_them() -> None:
     drawn = view(PhysicallyConsistent()).figure.data
-    links = [one for one in drawn if one["type"] == "mesh3d" and one.get("hovertext")]
-    assert [one["name"] for one in links] == ["turret (+1)", "slide", "&lt;b&gt;hand", "finger"]
+    links = [x for x in drawn if x["type"] == "mesh3d" and x.get("hovertext")]
+    assert [link["name"] for link in links] == ["turret (+1)", "slide", "&lt;b&gt;hand", "finger"]
     assert links[0]["color"] == COLOURS[DeterminedBy.DATA]
     assert links[2]["color"] == COLOURS[DeterminedBy.PRIOR]
     assert links[2]["hovertext"].startswith("&lt;b&gt;hand<br>mass 0.")
     assert links[0]["hovertext"].endswith("<br>by the data 2, the prior 1")
-    words = [one["name"] for one in drawn if one.get("legendrank") == 1]
+    words = [x["name"] for x in drawn if x.get("legendrank") == 1]
     assert words == ["well determined", "by the file or prior"]
 
 
 def test_it_moves_along_all_recordings_those_held_out_first() -> None:
-    found, figure = identified(), view().figure
+    identification, figure = identified(), view().figure
     replays = figure.motion["replays"]
-    assert [one["name"] for one in replays] == ["tuesday (held out)", "monday (training)"]
-    motion = found.validations[1].motion
+    assert [replay["name"] for replay in replays] == ["tuesday (held out)", "monday (training)"]
+    motion = identification.validations[1].motion
     q = np.frombuffer(b64decode(replays[0]["q"]), "<f4").reshape(-1, 4)
     t = np.linspace(replays[0]["start"], replays[0]["stop"], len(q))
     np.testing.assert_allclose(q[:, 2], np.interp(t, motion.t, motion.q[:, 2]), atol=1e-5)
@@ -62,13 +62,13 @@ def test_a_small_view_follows_without_a_player() -> None:
     small = robot_view(identified())
     assert not small.player
     assert small.figure.layout["height"] == 250
-    assert [one["name"] for one in small.figure.data if one.get("legendrank") == 1][1:] == ["by combination"]
+    assert [x["name"] for x in small.figure.data if x.get("legendrank") == 1][1:] == ["by combination"]
     assert "by combination (the data determine only sums with other links)." in small.caption
     scene = small.figure.layout["scene"]
     assert not scene["xaxis"]["visible"]
-    links = [one for one in small.figure.data if one.get("hovertext")]
+    links = [x for x in small.figure.data if x.get("hovertext")]
     for axis in "xyz":  # it looks at the arm, where that stands in the view
-        middle = (min(one[axis].min() for one in links) + max(one[axis].max() for one in links)) / 2
+        middle = (min(link[axis].min() for link in links) + max(link[axis].max() for link in links)) / 2
         low, high = scene[f"{axis}axis"]["range"]
         side = scene["aspectratio"][axis] * ((middle - low) / (high - low) - 0.5)
         assert scene["camera"]["center"][axis] == pytest.approx(side, abs=1e-6)

@@ -64,11 +64,11 @@ def test_the_page_has_a_figure_per_joint_and_all_that_was_tried(chosen, identifi
 
 def test_a_figure_marks_what_entered_and_shows_gains_however_bad_others_are(chosen):
     figure = trial_figure(chosen.calibration.terms.trials[:3], OUTCOMES)
-    entered = next(one for one in figure.data if one["name"] == "entered")
+    entered = next(x for x in figure.data if x["name"] == "entered")
     assert entered["marker"]["symbol"] == "circle"
     assert entered["error_x"]["array"].tolist() == [16.0]
-    refused = [one for one in figure.data if one["name"].startswith("refused")]
-    assert {one["marker"]["symbol"] for one in refused} == {"circle-open"}
+    refused = [x for x in figure.data if x["name"].startswith("refused")]
+    assert {x["marker"]["symbol"] for x in refused} == {"circle-open"}
     lower, upper = figure.layout["xaxis"]["range"]
     assert -100.0 < lower < 0.0 < 95.0 < upper
     assert "yaxis" in figure.layout
@@ -85,16 +85,16 @@ def test_a_figure_of_bad_gains_alone_can_be_drawn():
 
 
 def test_names_are_escaped(chosen):
-    one = TermTrial(EVIL, EVIL, (), 1.0, 1.0, TrialOutcome.ENTERED)
-    figure = trial_figure([one], OUTCOMES)
+    case = TermTrial(EVIL, EVIL, (), 1.0, 1.0, TrialOutcome.ENTERED)
+    figure = trial_figure([case], OUTCOMES)
     assert EVIL not in figure.json()
 
 
 def test_too_few_samples_leave_no_section(chosen):
     plain = replace(chosen.calibration.terms, trials=())
-    found = changed(chosen, Calibration(terms=plain))
-    assert list(term_section(found)) == []
-    assert term_table(chosen.calibration.terms) not in identification_tables(found)
+    result = changed(chosen, Calibration(terms=plain))
+    assert list(term_section(result)) == []
+    assert term_table(chosen.calibration.terms) not in identification_tables(result)
 
 
 def test_comments_name_the_gains_and_the_errors(chosen):

@@ -29,8 +29,8 @@ def run(name="reach.csv", joints=("shoulder", "elbow"), failure=None):
 
 
 def test_the_terminal_says_it_in_one_paragraph():
-    found = identification_of(logs=("swing.csv",))
-    words, steps = verdict_text(found), next_step_texts(found)
+    identification = identification_of(logs=("swing.csv",))
+    words, steps = verdict_text(identification), next_step_texts(identification)
     assert words.startswith("Verdict: Do not use this model yet: no log was held out.")
     assert "\n" not in words
     assert steps[0].startswith("Record another motion")
@@ -38,8 +38,8 @@ def test_the_terminal_says_it_in_one_paragraph():
 
 def test_the_terminal_gives_remedies_and_the_largest_gains(monkeypatch):
     steps = [HoldOutFaster(float(k)) for k in range(9, 1, -1)]
-    found = judge(identification_of(logs=("swing.csv",)))
-    monkeypatch.setattr(report, "judge", lambda _: replace(found, next=(Remedy.HOLD_OUT, *steps)))
+    result = judge(identification_of(logs=("swing.csv",)))
+    monkeypatch.setattr(report, "judge", lambda _: replace(result, next=(Remedy.HOLD_OUT, *steps)))
 
     said = next_step_texts(identification_of())
     assert said == (Remedy.HOLD_OUT, *map(str, steps[:5]), "3 more, which the report lists.")
@@ -55,18 +55,18 @@ def test_free_simulations_are_shown_with_their_failures(identification):
 
 
 def test_of_a_single_joint_the_error_is_given_in_its_unit():
-    found = identification_of(joints=("slider",))
-    found.model.limits.clear()
-    for log in found.validations:
+    identification = identification_of(joints=("slider",))
+    identification.model.limits.clear()
+    for log in identification.validations:
         log.errors.effort_share = {}
-    found.runs = (run(joints=("slider",)),)
-    page = identification_page(found)
+    identification.runs = (run(joints=("slider",)),)
+    page = identification_page(identification)
     assert "<dt>position error, free simulation</dt><dd>3.5 %</dd>" in page
     assert '<dt>largest rms error, held out</dt><dd>0.0200 N m</dd><dd class="note">slider, reach.csv</dd>' in page
     assert "worst joint" not in page
 
 
 def test_names_cannot_break_out_of_the_verdict():
-    found = identification_of(joints=(EVIL, "elbow"), logs=(EVIL, "other"))
-    found.runs = (run(EVIL, (EVIL, "elbow"), failure=Broken(EVIL)),)
-    assert "<script>alert" not in identification_page(found)
+    identification = identification_of(joints=(EVIL, "elbow"), logs=(EVIL, "other"))
+    identification.runs = (run(EVIL, (EVIL, "elbow"), failure=Broken(EVIL)),)
+    assert "<script>alert" not in identification_page(identification)

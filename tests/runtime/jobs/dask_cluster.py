@@ -57,10 +57,10 @@ class DaskCluster:
             client = distributed.Client(self.address, set_as_default=False)
         with client:
             deadline = time.monotonic() + HANGS
-            while len(found := list(client.nthreads())) != count and time.monotonic() < deadline:
+            while len(result := list(client.nthreads())) != count and time.monotonic() < deadline:
                 time.sleep(0.02)
-            assert len(found) == count, (self.folder / "log").read_text()
-            return found
+            assert len(result) == count, (self.folder / "log").read_text()
+            return result
 
     def _start(self, *words: str, **environment: str) -> subprocess.Popen[bytes]:
         paths = {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
@@ -76,10 +76,10 @@ class DaskCluster:
         return {name: value for name, value in os.environ.items() if not name.endswith("_THREADS")}
 
     def end(self) -> None:
-        for one in (*self.workers, self.scheduler):
+        for case in (*self.workers, self.scheduler):
             with suppress(ProcessLookupError):
-                os.killpg(one.pid, signal.SIGKILL)  # with the processes that a nanny has
-            one.wait()
+                os.killpg(case.pid, signal.SIGKILL)  # with the processes that a nanny has
+            case.wait()
 
 
 @contextmanager

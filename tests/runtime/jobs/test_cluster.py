@@ -38,18 +38,18 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="ends groups of processe
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
     """A worker alone, and one with a nanny, which starts it again when it dies."""
-    with dask_scheduler(tmp_path_factory.mktemp("dask")) as found:
-        found.start_worker("--no-nanny")
-        found.start_worker()
-        found.require_workers(2)
-        yield found
+    with dask_scheduler(tmp_path_factory.mktemp("dask")) as result:
+        result.start_worker("--no-nanny")
+        result.start_worker()
+        result.require_workers(2)
+        yield result
 
 
 def refused(address: str) -> str:
     """Return why the workers there cannot be used."""
-    with pytest.raises(InputError) as found, cluster_workers(address):
+    with pytest.raises(InputError) as error, cluster_workers(address):
         pass
-    return str(found.value)
+    return str(error.value)
 
 
 class TestWorkers:
@@ -57,17 +57,17 @@ class TestWorkers:
         noise = Noise(np.random.default_rng(5).standard_normal((300, 300)))
         with cluster_workers(running.address) as executor:
             done = by_job(list(run_jobs(noise, range(50), executor)))
-        assert {job: one.value for job, one in done.items()} == {job: noise(job) for job in range(50)}
+        assert {job: x.value for job, x in done.items()} == {job: noise(job) for job in range(50)}
         with distributed.Client(running.address, set_as_default=False) as client:  # Dask's own executor
             own = by_job(list(run_jobs(noise, range(50), client.get_executor())))
-        assert {job: one.value for job, one in own.items()} == {job: one.value for job, one in done.items()}
+        assert {job: x.value for job, x in own.items()} == {job: x.value for job, x in done.items()}
 
     def test_each_has_a_process_for_its_jobs_with_one_thread(self, running: DaskCluster) -> None:
         with cluster_workers(running.address) as executor:
             assert executor._max_workers == 2  # type: ignore[attr-defined]
             theirs = {executor.submit(os.getpid).result() for _ in range(20)}
-            own = {one.value for one in run_jobs(slow_process, range(20), executor)}
-            assert {one.value for one in run_jobs(threads, range(20), executor)} == {("1", "1")}
+            own = {outcome.value for outcome in run_jobs(slow_process, range(20), executor)}
+            assert {outcome.value for outcome in run_jobs(threads, range(20), executor)} == {("1", "1")}
         assert not own & {os.getpid(), *theirs}
         assert len(own) == 2
 
@@ -75,12 +75,12 @@ class TestWorkers:
         with cluster_workers(running.address) as executor:
             with_nanny = {executor.submit(os.getpid).result() for _ in range(20)} - {running.workers[0].pid}
             done = []
-            for one in run_jobs(sleeps, [0.02 + 1e-6 * number for number in range(100)], executor):
-                done.append(one)
+            for case in run_jobs(sleeps, [0.02 + 1e-6 * number for number in range(100)], executor):
+                done.append(case)
                 if len(done) == 30:
                     os.kill(with_nanny.pop(), signal.SIGKILL)
         assert len(by_job(done)) == 100
-        assert all(one.status is Status.OK and one.value == one.job for one in done)
+        assert all(x.status is Status.OK and x.value == x.job for x in done)
         running.require_workers(2)
 
     def test_what_is_given_up_is_cancelled(self, running: DaskCluster) -> None:
@@ -102,9 +102,9 @@ class TestWorkers:
         succeed("reproduce", "--runs", 1, "--methods", "spline,raw", "--cluster", running.address, "--out", tmp_path)
         own = run_study([SCENARIOS["tabulated"]], [METHODS["spline"], METHODS["raw"]], LEVELS, 1, 0)
         tables = pl.read_parquet(tmp_path / "study.parquet"), own
-        one, other = (table.drop("seconds").sort("method", "level", "run") for table in tables)
-        assert len(one) == 6
-        assert one.equals(other)
+        first, second = (table.drop("seconds").sort("method", "level", "run") for table in tables)
+        assert len(first) == 6
+        assert first.equals(second)
 
     def test_dask_is_silent(self, running: DaskCluster) -> None:
         use = f"with cluster_workers({running.address!r}) as executor: executor.submit(int).result()"
@@ -187,12 +187,12 @@ class TestAddress:
 
 
 def test_what_decides_the_numbers_is_named() -> None:
-    found = software()
-    assert found["numpy"] == np.__version__
-    assert found["Python"] == f"{sys.version_info[0]}.{sys.version_info[1]}"
-    assert found["dynident"] == __version__
-    assert re.fullmatch("[0-9a-f]{12}", found["the code of dynident"])
-    assert software_differences(found, {"there": found}) == []
+    result = software()
+    assert result["numpy"] == np.__version__
+    assert result["Python"] == f"{sys.version_info[0]}.{sys.version_info[1]}"
+    assert result["dynident"] == __version__
+    assert re.fullmatch("[0-9a-f]{12}", result["the code of dynident"])
+    assert software_differences(result, {"there": result}) == []
 
 
 def test_the_code_is_that_of_all_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -33,8 +33,8 @@ EXECUTORS: dict[str, Callable[[], AbstractContextManager[Executor | None]]] = {
 
 @pytest.fixture(scope="module", params=EXECUTORS)
 def executor(request: pytest.FixtureRequest) -> Iterator[Executor | None]:
-    with EXECUTORS[request.param]() as found:
-        yield found
+    with EXECUTORS[request.param]() as result:
+        yield result
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def noise() -> Noise:
 @pytest.mark.parametrize("limits", [Limits(), Limits(seconds=600.0)])
 def test_results_do_not_depend_on_the_executor(noise: Noise, executor: Executor | None, limits: Limits) -> None:
     done = by_job(list(run_jobs(noise, range(50), executor, limits=limits)))
-    assert {job: one.value for job, one in done.items()} == {job: noise(job) for job in range(50)}
+    assert {job: x.value for job, x in done.items()} == {job: noise(job) for job in range(50)}
 
 
 @pytest.mark.parametrize("limits", [Limits(), Limits(seconds=600.0)])
@@ -53,12 +53,12 @@ def test_jobs_have_the_memory_of_the_run(executor: Executor | None, limits: Limi
     with budget_scope():
         set_budget(2.5)
         done = list(run_jobs(budget, range(3), executor, limits=limits))
-    assert [one.value for one in done] == 3 * [2_500_000_000]
+    assert [x.value for x in done] == 3 * [2_500_000_000]
 
 
 def test_an_error_is_a_result(tmp_path: Path, executor: Executor | None) -> None:
     done = by_job(list(run_jobs(Trouble(tmp_path), [("raises", 1), ("leaves", 2), ("fine", 3)], executor)))
-    assert [(one.status, one.reason, one.value) for _, one in sorted(done.items(), key=lambda item: item[0][1])] == [
+    assert [(x.status, x.reason, x.value) for _, x in sorted(done.items(), key=lambda item: item[0][1])] == [
         (Status.FAILED, "ValueError: no 1", None),
         (Status.FAILED, "SystemExit: 2", None),
         (Status.OK, "", 9),
@@ -99,11 +99,11 @@ def test_the_function_goes_with_the_first_batches_and_to_who_lacks_it(noise: Noi
     executor = Direct(forget)
     executor._max_workers = 2  # type: ignore[attr-defined]
     done = by_job(list(run_jobs(noise, range(200), executor)))
-    assert {job: one.value for job, one in done.items()} == {job: noise(job) for job in range(200)}
+    assert {job: x.value for job, x in done.items()} == {job: noise(job) for job in range(200)}
     assert len(executor.batches) > 10
-    whole = [one.number for one in executor.batches if one.function]
-    assert whole == [0, 1, 13, 14, 15, 16]  # those under way before an answer, and before that of number 9
-    assert [executor.batches[number].jobs for number in whole[2:]] == [one.jobs for one in executor.batches[9:13]]
+    full = [x.number for x in executor.batches if x.function]
+    assert full == [0, 1, 13, 14, 15, 16]  # those under way before an answer, and before that of number 9
+    assert [executor.batches[number].jobs for number in full[2:]] == [x.jobs for x in executor.batches[9:13]]
 
 
 def test_a_worker_remembers_few_functions() -> None:
@@ -123,7 +123,7 @@ def test_a_batch_that_the_executor_loses_is_tried_job_by_job() -> None:
     done = by_job(list(run_jobs(abs, range(200), executor)))
     assert done[77].status is Status.DIED
     assert done[77].reason == "RuntimeError: three workers have died"
-    assert [one.value for job, one in sorted(done.items()) if job != 77] == [job for job in range(200) if job != 77]
+    assert [x.value for job, x in sorted(done.items()) if job != 77] == [job for job in range(200) if job != 77]
 
 
 def test_where_no_batch_runs_that_is_said() -> None:
@@ -162,15 +162,15 @@ def test_what_only_this_process_knows(executor: Executor | None) -> None:
     """The extra ``cluster`` brings cloudpickle, which sends code."""
     pytest.importorskip("cloudpickle", reason="needs cloudpickle, of the extra cluster")
     factor = 3
-    assert {one.value for one in run_jobs(lambda job: factor * job, range(4), executor)} == {0, 3, 6, 9}
+    assert {outcome.value for outcome in run_jobs(lambda job: factor * job, range(4), executor)} == {0, 3, 6, 9}
 
 
 def test_two_runs_on_one_executor() -> None:
     with local_workers(2) as executor:
         first, second = run_jobs(abs, range(300), executor), run_jobs(sleeps, [0.0] * 300, executor)
         both = list(zip(first, second, strict=True))
-    assert sorted(one.job for one, _ in both) == list(range(300))
-    assert {one.value for _, one in both} == {0.0}
+    assert sorted(x.job for x, _ in both) == list(range(300))
+    assert {x.value for _, x in both} == {0.0}
 
 
 def test_a_run_that_is_left_leaves_the_executor_usable() -> None:
@@ -191,17 +191,17 @@ def test_so_many_batches_may_fail_before_any_is_done(jobs: int) -> None:
         with pytest.raises(InputError, match="workers cannot run jobs"):
             list(run_jobs(abs, range(jobs), Direct(refuse)))
     else:
-        assert [one.status for one in run_jobs(abs, range(jobs), Direct(refuse))] == [Status.DIED] * jobs
+        assert [outcome.status for outcome in run_jobs(abs, range(jobs), Direct(refuse))] == [Status.DIED] * jobs
 
 
 def run(jobs: int, seconds: float, lost: float, workers: int = 2) -> list[int]:
     """The sizes of all batches of equal jobs, one after the other."""
-    found, sizes = Pace(workers), []
+    result, sizes = Pace(workers), []
     while jobs:
-        size = found.size(jobs)
+        size = result.size(jobs)
         sizes.append(size)
         jobs -= size
-        found.record_batch(len(sizes) % workers, size, size * seconds, lost if len(sizes) > workers else None)
+        result.record_batch(len(sizes) % workers, size, size * seconds, lost if len(sizes) > workers else None)
     return sizes
 
 
@@ -234,18 +234,18 @@ def test_long_jobs_go_alone() -> None:
 
 
 def test_one_slow_answer_changes_nothing() -> None:
-    found = Pace(1)
+    result = Pace(1)
     for number in range(40):
-        found.record_batch(0, 10, 0.1, 60.0 if number == 20 else 1e-3)
-    assert found.size() == 20
+        result.record_batch(0, 10, 0.1, 60.0 if number == 20 else 1e-3)
+    assert result.size() == 20
 
 
 def test_more_workers_than_expected() -> None:
-    found = Pace(2)
-    assert found.ahead == 4
+    result = Pace(2)
+    assert result.ahead == 4
     for number in range(50):
-        found.record_batch(number, 1, 1.0, None)
-    assert found.ahead == 100
+        result.record_batch(number, 1, 1.0, None)
+    assert result.ahead == 100
 
 
 CODE = "from dataclasses import dataclass\n\n\n@dataclass(frozen=True)\nclass Mine:\n    gain: float\n"

@@ -35,11 +35,11 @@ ROOT = Path(__file__).parents[3]
 
 def test_each_worker_is_a_process_with_one_thread() -> None:
     with local_workers(2) as executor:
-        found = {one.value for one in run_jobs(process, range(200), executor)}
-        assert len(found) == 2
-        assert os.getpid() not in found
-        assert {one.value for one in run_jobs(threads, range(4), executor)} == {("1", "1")}
-        assert {one.value for one in run_jobs(process, range(200), executor)} == found
+        result = {outcome.value for outcome in run_jobs(process, range(200), executor)}
+        assert len(result) == 2
+        assert os.getpid() not in result
+        assert {outcome.value for outcome in run_jobs(threads, range(4), executor)} == {("1", "1")}
+        assert {outcome.value for outcome in run_jobs(process, range(200), executor)} == result
 
 
 def test_a_worker_has_its_settings_its_modules_and_ends_first_where_memory_runs_out(
@@ -48,16 +48,16 @@ def test_a_worker_has_its_settings_its_modules_and_ends_first_where_memory_runs_
     """It keeps its memory between jobs: in a worker of Dask it would give it back each time, as its nanny asks for."""
     monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
     with local_workers(1, ["colorsys"]) as executor:
-        assert [one.value for one in run_jobs(os.getenv, ["MALLOC_TRIM_THRESHOLD_"], executor)] == [None]
+        assert [outcome.value for outcome in run_jobs(os.getenv, ["MALLOC_TRIM_THRESHOLD_"], executor)] == [None]
         if sys.platform == "linux":  # elsewhere workers are not forked
-            assert [one.value for one in run_jobs(loaded, ["colorsys", "tabnanny"], executor)] == [True, False]
-            assert [one.value for one in run_jobs(chance_to_be_killed, [0], executor)] == [500]
+            assert [outcome.value for outcome in run_jobs(loaded, ["colorsys", "tabnanny"], executor)] == [True, False]
+            assert [outcome.value for outcome in run_jobs(chance_to_be_killed, [0], executor)] == [500]
             assert chance_to_be_killed(0) < 500
 
 
 def test_a_process_of_a_pool_has_one_thread() -> None:
     with ProcessPoolExecutor(1, get_context("spawn")) as executor:
-        assert [one.value for one in run_jobs(blas_threads, [0], executor)] == [{1}]
+        assert [outcome.value for outcome in run_jobs(blas_threads, [0], executor)] == [{1}]
 
 
 @forks
@@ -104,7 +104,7 @@ def test_a_process_of_a_daemon_has_limits() -> None:
 
 def _report(connection) -> None:
     workers.PRELOADED_MODULES = ()
-    connection.send([one.status for one in run_jobs(time.sleep, [HANGS], limits=Limits(seconds=0.5))])
+    connection.send([outcome.status for outcome in run_jobs(time.sleep, [HANGS], limits=Limits(seconds=0.5))])
 
 
 SCRIPT = """\
@@ -187,11 +187,11 @@ def test_trouble_of_a_job_is_its_own(executor: Executor, tmp_path: Path, trouble
     done = by_job(list(run_jobs(work, jobs, executor, limits=limits)))
     status, reason = TROUBLES.get(trouble, (Status.OUT_OF_MEMORY, "MemoryError: "))
     assert set(done) == set(jobs)
-    for (_, number), one in done.items():
+    for (_, number), case in done.items():
         if number == 3:
-            assert (one.status, one.reason, one.value) == (status, reason, None)
+            assert (case.status, case.reason, case.value) == (status, reason, None)
         else:
-            assert (one.status, one.value) == (Status.OK, number**2)
+            assert (case.status, case.value) == (Status.OK, number**2)
         assert work.calls(number) == (2 if number == 3 and status is Status.DIED else 1)
 
 

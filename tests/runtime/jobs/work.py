@@ -113,7 +113,7 @@ def threads(_: object) -> tuple[str | None, str | None]:
 
 
 def blas_threads(_: object) -> set[int]:
-    return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
+    return {x["num_threads"] for x in threadpool_info() if x["user_api"] == "blas"}
 
 
 def chance_to_be_killed(_: object) -> int:
@@ -127,9 +127,9 @@ def sleeps(seconds: float) -> float:
 
 def by_job(done: list[JobResult[Any, Any]]) -> dict[Any, JobResult[Any, Any]]:
     """Each job once."""
-    found = {one.job: one for one in done}
-    assert len(found) == len(done)
-    return found
+    result = {x.job: x for x in done}
+    assert len(result) == len(done)
+    return result
 
 
 def loaded(name: str) -> bool:

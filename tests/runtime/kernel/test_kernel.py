@@ -55,16 +55,16 @@ def forget() -> None:
 
 
 def test_what_was_compiled_is_used(installed: Path) -> None:
-    found = kernel()
-    assert found.level in {"sse2", "avx2", "avx512", "neon", "scalar"}
-    assert found.about.startswith(("GCC ", "Clang "))
-    assert str(found) == f"{found.level} ({found.about})"
+    result = kernel()
+    assert result.level in {"sse2", "avx2", "avx512", "neon", "scalar"}
+    assert result.about.startswith(("GCC ", "Clang "))
+    assert str(result) == f"{result.level} ({result.about})"
 
 
 def test_every_level_of_this_cpu_can_be_asked_for(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    library, found = loader._select_kernel()
+    library, result = loader._select_kernel()
     levels = loader._levels(library)
-    assert levels[-1] == found.level
+    assert levels[-1] == result.level
     for level in levels:
         monkeypatch.setenv(loader.VARIABLE, f" {level.upper()} ")
         forget()
@@ -236,8 +236,8 @@ def sanitizers() -> list[str]:
     if sys.platform != "linux" or shutil.which("gcc") is None:
         return []
     asked = (["gcc", f"-print-file-name={name}"] for name in ("libasan.so", "libubsan.so", "libstdc++.so.6"))
-    found = [subprocess.run(words, capture_output=True, text=True).stdout.strip() for words in asked]
-    return found if all(Path(path).is_absolute() for path in found) else []
+    result = [subprocess.run(words, capture_output=True, text=True).stdout.strip() for words in asked]
+    return result if all(Path(path).is_absolute() for path in result) else []
 
 
 # the addresses are looked at once, where they are used; what is wrong ends the process, by calls, which compile fast

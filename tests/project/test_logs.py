@@ -87,7 +87,7 @@ def test_rows_without_values_at_the_ends_are_left_out(tmp_path):
     )
     reading = read(tmp_path, text)
     assert (reading.logs[0].t[0], len(reading.logs[0])) == (0.05, 176)
-    assert reading.warnings == ("a: 24 rows at the ends, where columns are empty or NaN, are left out.",)
+    assert reading.warnings == ("a: 24 rows at the ends left out, where columns are empty or NaN.",)
     with pytest.raises(InputError, match="'tau' is empty or NaN at line 12"):
         read(tmp_path, recording(q=lambda k: "" if k < 5 else np.sin(k), tau=lambda k: "" if k == 10 else 1))
 
@@ -97,7 +97,7 @@ def test_rows_without_values_are_left_out_where_gaps_may_be_split(tmp_path):
     reading = read(tmp_path, recording(**columns), "gaps: split")
     first, second = reading.logs
     assert (len(first), len(second)) == (99, 70)
-    assert reading.warnings[0] == "a: 31 rows, where columns are empty or NaN, are left out."
+    assert reading.warnings[0] == "a: 31 rows left out, where columns are empty or NaN."
     assert first.t[50] == 0.51
     with pytest.raises(InputError, match="31 such rows in all"):
         read(tmp_path, recording(**columns))
@@ -108,7 +108,7 @@ def test_rows_written_twice_are_left_out(tmp_path):
     text = "\n".join([header, *(row for k, row in enumerate(rows) for _ in range(1 + (k % 50 == 7)))])
     reading = read(tmp_path, text)
     assert len(reading.logs[0]) == 200
-    assert reading.warnings == ("a: 4 rows that repeat the previous one, including its time, are left out.",)
+    assert reading.warnings == ("a: 4 rows left out as equal to the previous one, including its time.",)
 
 
 def test_a_long_rest_is_warned_of_unless_it_is_left_out(tmp_path):
@@ -147,7 +147,7 @@ def test_rows_right_after_the_previous_one_are_dropped_or_kept(tmp_path):
     assert len(reading.logs[0]) == 198
     assert np.diff(reading.logs[0].t).min() > 0.009
     assert reading.warnings[0].startswith(
-        "a: 2 rows follow the previous one by less than 0.0001 of the usual step, the first at line 53"
+        "a: 2 rows less than 0.0001 of the usual step after the previous one, the first at line 53"
     )
     with pytest.raises(InputError, match="at line 73 repeats"):
         read(tmp_path, text, "close_stamps: keep")

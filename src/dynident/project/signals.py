@@ -148,7 +148,8 @@ def _drop_unusable_rows(table: DataTable, used_columns: Mapping[str, Array], con
         complete_rows = np.flatnonzero(keep)
         keep[complete_rows[0] : complete_rows[-1] + 1] = True
     if not keep.all():
-        table = table.select_rows(keep, f"{(~keep).sum()} rows{place}, where columns are empty or NaN, are left out.")
+        rows = count(int((~keep).sum()), "row")
+        table = table.select_rows(keep, f"{rows}{place} left out, where columns are empty or NaN.")
         columns = [column[keep] for column in columns]
     # a row repeats the previous one only where all of its columns do
     is_new = np.zeros(len(columns[0]), dtype=bool)
@@ -160,7 +161,7 @@ def _drop_unusable_rows(table: DataTable, used_columns: Mapping[str, Array], con
     if is_new.all() or not stamped:  # without stamps, equal rows are a joint at rest
         return table
     return table.select_rows(
-        is_new, f"{(~is_new).sum()} rows that repeat the previous one, including its time, are left out."
+        is_new, f"{count(int((~is_new).sum()), 'row')} left out as equal to the previous one, including its time."
     )
 
 
@@ -181,11 +182,11 @@ def _drop_close_rows(table: DataTable, config: Config) -> DataTable:
     close = np.flatnonzero(is_candidate & (steps < MIN_STEP_SHARE * usual_step))
     if not len(close):
         return table
-    fault = f"{len(close)} rows follow the previous one by less than {MIN_STEP_SHARE:g} of the usual step"
+    fault = f"{count(len(close), 'row')} less than {MIN_STEP_SHARE:g} of the usual step after the previous one"
     if policy == "drop":
         keep = np.ones(len(t), dtype=bool)
         keep[close + 1] = False
-        return table.select_rows(keep, f"{fault}, the first at {table.place(close[0] + 1)}; they are left out.")
+        return table.select_rows(keep, f"{fault}, the first at {table.place(close[0] + 1)}: left out.")
     factor = unit_factor(config.time.unit, "time", "time.unit")
     raise InputError(
         f"{table.source}: column {name!r}: the time at {table.place(close[0] + 1)} is {factor * steps[close[0]]:.3g} s "

@@ -172,7 +172,7 @@ BAD_DATA = {
         recording(t=lambda k: k * 0.01 + (k == 51) * (1e-8 - 0.01)),
         "",
         (
-            "column 't': the time at line 53 is 1e-08 s after the previous one, where 0.01 s is usual (1 rows",
+            "column 't': the time at line 53 is 1e-08 s after the previous one, where 0.01 s is usual (1 row less",
             "`close_stamps: drop`",
         ),
     ),

@@ -113,7 +113,7 @@ def labelled(part: Row, smoothers: bool) -> Iterator[tuple[str, list[Row]]]:
         if label := name_of(cell["method"], smoothers):
             rows.setdefault(label + (KNOWN if base(cell)[1] else ""), []).append(cell)
     first = [label for value in ARTICLE.values() if (label := value[0 if smoothers else 1]) in rows]
-    yield from ((name, rows[name]) for name in dict.fromkeys([*first, *sorted(rows, key=lambda one: place(rows[one]))]))
+    yield from ((name, rows[name]) for name in dict.fromkeys([*first, *sorted(rows, key=lambda x: place(rows[x]))]))
 
 
 def place(cells: Sequence[Row]) -> float:
@@ -152,7 +152,7 @@ def star(which: int) -> Callable[[Row], str]:
         what = ("held out, %", "rms", "bias / spread", "coverage, %")
         head = ["", *(f"{name}, {level:g} bits" for level in levels for name in what), "runs", "fits", "s"]
         lines = []
-        for name in sorted(rows, key=lambda one: sum(cell.get("error", np.inf) for cell in rows[one].values())):
+        for name in sorted(rows, key=lambda x: sum(cell.get("error", np.inf) for cell in rows[x].values())):
             cells = rows[name]
             own = [of_arm(cells[level]) if level in cells else [""] * len(what) for level in levels]
             lines.append([name, *(value for x in own for value in x), *fits(list(cells.values()))])

@@ -169,7 +169,7 @@ def planned(each: Mapping[str, float], most: Mapping[str, int], budget: float | 
     same time, so that all fit into the budget (s); none runs less than ``few`` times."""
     full = {name: each[name] * most[name] for name in each}
     share, left = math.inf, math.inf if budget is None else budget
-    for place, (_, need) in enumerate(ordered := sorted(full.items(), key=lambda one: one[1])):
+    for place, (_, need) in enumerate(ordered := sorted(full.items(), key=lambda x: x[1])):
         if need > (share := left / (len(ordered) - place)):
             break
         share, left = math.inf, left - need

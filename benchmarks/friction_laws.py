@@ -98,8 +98,8 @@ def drift(moved: Moved, shape: Shape) -> Array:
 
 
 COLUMNS: Mapping[str, Callable[[Moved, Shape], Array]] = {
-    one.__name__: one
-    for one in (
+    x.__name__: x
+    for x in (
         viscous, coulomb, stribeck, power, load_coulomb, dahl, load_dahl, ripple, asymmetric_coulomb,
         asymmetric_viscous, drift,
     )

@@ -320,7 +320,7 @@ def turned_round(text: str) -> str:
 
 
 def courses(**changes: Course) -> Callable[[Any], Any]:
-    return lambda known: dict(known) | changes
+    return lambda x: dict(x) | changes
 
 
 def repeated(start: float) -> Fault:

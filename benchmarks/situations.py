@@ -200,9 +200,7 @@ def chosen(only: Iterable[str]) -> list[Situation]:
     if unknown := names - {x.name for x in SITUATIONS}:
         raise SystemExit(f"no such situation: {', '.join(sorted(unknown))}; {', '.join(x.name for x in SITUATIONS)}")
     bases = {CONTROL[x.setup.arm] for x in SITUATIONS if x.name in names}
-    return sorted(
-        [x for x in SITUATIONS if not names or x.name in names | bases], key=lambda one: one.name not in bases
-    )
+    return sorted([x for x in SITUATIONS if not names or x.name in names | bases], key=lambda x: x.name not in bases)
 
 
 def main() -> None:

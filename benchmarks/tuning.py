@@ -96,7 +96,7 @@ def times(on: Bench, runs: int) -> dict[str, float]:
         "quick fit after a window": of(on.fit, lambda k: start.exclude(first, begin, begin + 0.1 * k)),
         "quick fit with hysteresis": of(on.fit, lambda k: _with_terms(start, k % 7, [*kinds[:4], "dahl"])),
         "curve of all joints": of(on.curve, lambda k: _late(start, 1e-4 * k), 3),
-        "curve of one joint": of(lambda one: on.curve(one, joint), lambda k: _late(start, 2e-4 * k), 3),
+        "curve of one joint": of(lambda x: on.curve(x, joint), lambda k: _late(start, 2e-4 * k), 3),
         "whole": of(on.identify, lambda k: start.with_degree(0.013 * k), 3),
     }
 

@@ -14,14 +14,14 @@ from tests.kept import check_kept, facts
 
 
 @cache
-def found() -> AccuracyBound:
+def arm_bound() -> AccuracyBound:
     model, log = swing(sigma_q=1e-3)
     return accuracy_bound(model, [log], sigma_q=1e-3, sigma_tau=0.05)
 
 
 def situations() -> Iterator[tuple[str, AccuracyBound]]:
     """Yield bounds that are limited by one thing or another, with what it is."""
-    case = found()
+    case = arm_bound()
     now, noise = case.std["now"], replace(case.noise, torques=Origin(Measure.RESIDUAL))
     weak = {name: value * np.array([1.0, 1e3]) for name, value in case.std.items()}
     yield "position noise", replace(case, std={**case.std, "bit": now / 2**0.9})
@@ -45,9 +45,9 @@ def test_what_limits_is_said_in_the_same_words_and_bars() -> None:
 
 
 def test_a_base_parameter_is_led_by_its_own_parameter_whatever_the_formula_says() -> None:
-    spaced = replace(found(), names=("J of the arm + h", "h x"))
-    assert spaced.leads == found().leads == ("J", "h")
-    assert limit_figure(spaced).data == limit_figure(found()).data
+    spaced = replace(arm_bound(), names=("J of the arm + h", "h x"))
+    assert spaced.leads == arm_bound().leads == ("J", "h")
+    assert limit_figure(spaced).data == limit_figure(arm_bound()).data
 
 
 def test_names_are_escaped() -> None:
@@ -59,5 +59,6 @@ def test_names_are_escaped() -> None:
 
 def test_the_figures_of_a_bound_stay() -> None:
     check_kept(
-        "bound", "\n".join((*facts(found().std), *facts(found().conditional_std), *facts(found().noise, "noise")))
+        "bound",
+        "\n".join((*facts(arm_bound().std), *facts(arm_bound().conditional_std), *facts(arm_bound().noise, "noise"))),
     )

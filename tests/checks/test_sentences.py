@@ -14,7 +14,7 @@ from dynident.checks.robot_notes import MissingTerm, TermKind
 from dynident.runtime import Note, Remark
 from tests.classes import classes_of
 
-OTHERS = tuple(robot_notes.Rival(f"j{k}", one, 0.1) for k, one in enumerate(robot_notes.SuspectQuantity))
+OTHERS = tuple(robot_notes.Rival(f"j{k}", x, 0.1) for k, x in enumerate(robot_notes.SuspectQuantity))
 ROBOT_NOTES = [
     *(file_notes.JointsSwapped(("a", "b"), channel, 30.0, 2.0) for channel in AffectedColumns),
     *(file_notes.ColumnReversed(channel, 30.0, 2.0) for channel in AffectedColumns),

@@ -75,7 +75,7 @@ class TestIdentify:
         """Nor does the file of an earlier run stay."""
         again = shutil.copytree(arm.parent, tmp_path / "user") / "out"
         make = Yaml.write
-        monkeypatch.setattr(Yaml, "write", lambda self, one: replace(make(self, one), text="parameters: []"))
+        monkeypatch.setattr(Yaml, "write", lambda self, x: replace(make(self, x), text="parameters: []"))
         model = {"file": "arm.urdf", "terms": ["viscous", "coulomb", "offset"]}
         result = identify(again.parent, estimator={"kind": "least_squares"}, model=model)
         files = {x["format"]: x for x in result["report"]["exports"]}

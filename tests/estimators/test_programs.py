@@ -46,21 +46,23 @@ def squared(x: np.ndarray) -> float:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_both_ways_find_the_same_optimum(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    reference, constraints = program(problem(arm(1e-2, 0.3), 1e-2, 0.3, seed=seed, samples=200))
-    conic = staged._solve_scaled(reference, constraints)
+    information, constraints = program(problem(arm(1e-2, 0.3), 1e-2, 0.3, seed=seed, samples=200))
+    conic = staged._solve_scaled(information, constraints)
     monkeypatch.setattr(staged, "STEP_UNITS", ())
-    path = staged._solve_scaled(reference, constraints)
-    assert constraints.violation(reference.theta(path)) < 0
+    path = staged._solve_scaled(information, constraints)
+    assert constraints.violation(information.theta(path)) < 0
     assert squared(path) == pytest.approx(squared(conic), rel=1e-3, abs=0.5)
 
 
 def test_equalities_hold_on_the_way(monkeypatch: pytest.MonkeyPatch) -> None:
     posed = problem(arm(1e-2, 0.3), 1e-2, 0.3, samples=300)
-    reference, constraints = program(posed)
+    information, constraints = program(posed)
     index = posed.model.names.index("l5.mass")
-    fixed = interval_limit("mass", posed.model.parameters, {index: (4.0, 4.0)}).scale_rows(reference.scale)
+    fixed = interval_limit("mass", posed.model.parameters, {index: (4.0, 4.0)}).scale_rows(information.scale)
     monkeypatch.setattr(staged, "STEP_UNITS", ())
-    theta = reference.theta(staged._solve_scaled(reference, replace(constraints, limits=(*constraints.limits, fixed))))
+    theta = information.theta(
+        staged._solve_scaled(information, replace(constraints, limits=(*constraints.limits, fixed)))
+    )
     assert theta[index] == pytest.approx(4.0, rel=1e-6)
 
 
@@ -117,7 +119,7 @@ def test_no_few_samples_of_any_arm_fail(seed: int, inertias: str, unit: float) -
 def test_three_units_are_tried(failures: int, failure: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two directions are informed, the third is free; the point is given back in units of one standard error."""
     factor = np.diag([2.0, 3.0, 0.0, 1.0])
-    reference, asked = staged.information_from_factor(factor, np.ones(3), rank_of(factor), 10), []
+    information, asked = staged.information_from_factor(factor, np.ones(3), rank_of(factor), 10), []
 
     def solver(*program: Any) -> Optimum:
         asked.append(program)
@@ -127,35 +129,35 @@ def test_three_units_are_tried(failures: int, failure: str, monkeypatch: pytest.
 
     monkeypatch.setattr(staged, "minimise", solver)
     if failures == 3:
-        path = staged._solve_scaled(reference, Constraints())
+        path = staged._solve_scaled(information, Constraints())
         np.testing.assert_allclose(path, 0.0, atol=1e-9)  # the optimum, as nothing is constrained
         monkeypatch.setattr(staged, "minimise_from_inside", lambda *_: None)
         asked.clear()
         with pytest.raises(ModelError, match=r"the solver failed|hold to 1\.0e"):
-            staged._solve_scaled(reference, Constraints())
+            staged._solve_scaled(information, Constraints())
         return
-    result = staged._solve_scaled(reference, Constraints())
+    result = staged._solve_scaled(information, Constraints())
     unit = (1.0, 1e3, 1e6)[failures]
     assert len(asked) == failures + 1
     assert result.tolist() == [unit, unit, 1.0]
     quadratic, linear, _, base, directions = asked[-1]
     np.testing.assert_allclose(np.diag(quadratic), [1.0, 1.0, max(unit**-2, 1e-8)])
-    np.testing.assert_allclose(directions[:, :2], reference.informed * unit)
-    np.testing.assert_allclose(directions[:, 2:], reference.free)
+    np.testing.assert_allclose(directions[:, :2], information.informed * unit)
+    np.testing.assert_allclose(directions[:, 2:], information.free)
     assert not linear.any()
-    assert base is reference.base
+    assert base is information.base
 
 
 def test_where_the_penalty_is_not_small_the_free_directions_get_a_larger_unit(monkeypatch: pytest.MonkeyPatch) -> None:
     factor = np.diag([2.0, 3.0, 0.0, 1.0])
-    reference, asked = staged.information_from_factor(factor, np.ones(3), rank_of(factor), 10), []
+    information, asked = staged.information_from_factor(factor, np.ones(3), rank_of(factor), 10), []
 
     def solved(wider: staged.Information, _: Constraints) -> np.ndarray:
         asked.append(float(np.linalg.norm(wider.free)))
         return np.array([0.0, 0.0, 30.0 / asked[-1]])  # the same w, in each unit
 
     monkeypatch.setattr(staged, "_solve_scaled", solved)
-    result = staged._solve_program(reference, Constraints())
+    result = staged._solve_program(information, Constraints())
     assert asked == pytest.approx([1.0, 10.0, 100.0, 1000.0][: len(asked)])
     assert result[2] == pytest.approx(30.0)
-    assert (30.0 / asked[-1]) ** 2 <= staged.MAX_PENALTY_SHARE * reference.noise
+    assert (30.0 / asked[-1]) ** 2 <= staged.MAX_PENALTY_SHARE * information.noise

@@ -173,7 +173,7 @@ def recorded(sigma: float, seed: int = 0) -> Log:
 
 
 @pytest.mark.parametrize("sigma", [5e-4, 2e-3])
-@pytest.mark.parametrize("smoother", [Spline, Butterworth, Difference], ids=lambda one: one.__name__)
+@pytest.mark.parametrize("smoother", [Spline, Butterworth, Difference], ids=lambda x: x.__name__)
 def test_errors_that_are_drawn_are_as_large_as_the_true_ones(smoother, sigma):
     log = recorded(sigma)
     part = {Spline: Spline(sigma=0.9 * sigma), Butterworth: Butterworth(cutoffs=(8.0, 8.0, 8.0)),

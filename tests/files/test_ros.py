@@ -86,7 +86,7 @@ def test_two_publishers_of_the_same_joints_are_reported(tmp_path):
 def test_two_publishers_on_one_topic_keep_their_rows(tmp_path, kind):
     """Arm and gripper alternate on one topic, with a stamp that is at times the same."""
     finger = [State(("finger",), (0.5 * k,), (), (), 20_000_000 * k) for k in range(3)]
-    states = sorted([*ramp(6), *finger], key=lambda one: one.stamp)
+    states = sorted([*ramp(6), *finger], key=lambda x: x.stamp)
     table = read_columns(write_bag(tmp_path, kind, states))
     assert list(table.column("a.position")) == [0, 1, 2, 3, 4, 5]
     assert list(table.column("/joint_states/finger.position")) == [0, 0.5, 1]
@@ -97,7 +97,7 @@ def test_two_publishers_on_one_topic_keep_their_rows(tmp_path, kind):
 def test_several_topics_have_several_prefixes(tmp_path):
     commands = [replace(x, effort=(), topic="/command") for x in ramp(50)]
     gripper = ramp(9, ("finger",), "/gripper")
-    states = sorted([*commands, *gripper, *ramp(7)], key=lambda one: one.stamp)
+    states = sorted([*commands, *gripper, *ramp(7)], key=lambda x: x.stamp)
     table = read_columns(write_bag(tmp_path, "bag", states))
     assert [len(table.column(name)) for name in ("time", "/gripper/time", "/command/time")] == [7, 9, 50]
     with pytest.raises(InputError, match=r"'/command/a\.effort' is empty in every message of /command"):

@@ -41,28 +41,28 @@ def log(truth):
 
 
 @pytest.fixture(scope="module")
-def found(log):
+def load_result(log):
     return dy.identify(MODEL, [log.window(0.0, 8.0)], [replace(log.window(8.0), source="later")])
 
 
-def test_the_parameters_are_found(found, truth):
+def test_the_parameters_are_found(load_result, truth):
     own = slice(len(THETA) - 6, None)
-    np.testing.assert_allclose(found.estimate.value[own], THETA[own], rtol=0.1)
-    assert found.validations[0].errors.relative_error < 1.0
-    load, own = truth.memory[:, 2:], found.model.remembering(truth).memory[:, 2:]
+    np.testing.assert_allclose(load_result.estimate.value[own], THETA[own], rtol=0.1)
+    assert load_result.validations[0].errors.relative_error < 1.0
+    load, own = truth.memory[:, 2:], load_result.model.remembering(truth).memory[:, 2:]
     assert np.linalg.norm(own - load) < 0.1 * np.linalg.norm(load), "the first fit takes other friction for load"
 
 
-def test_a_saved_result_predicts_the_same(found, log, tmp_path):
-    again = dy.load(found.save(tmp_path / "result.json"), model=MODEL)
-    assert again.model.load == found.model.load
-    first, second = (each.predict(log) for each in (found, again))
+def test_a_saved_result_predicts_the_same(load_result, log, tmp_path):
+    again = dy.load(load_result.save(tmp_path / "result.json"), model=MODEL)
+    assert again.model.load == load_result.model.load
+    first, second = (each.predict(log) for each in (load_result, again))
     np.testing.assert_array_equal(first.predicted_torque, second.predicted_torque)
 
 
-def test_the_memory_goes_on_in_a_free_simulation(found, truth):
-    motion = found.validations[0].motion
-    run = free_run(found.model, found.estimate.value, motion.select_between(2.0, 3.0), restart=0.5)
+def test_the_memory_goes_on_in_a_free_simulation(load_result, truth):
+    motion = load_result.validations[0].motion
+    run = free_run(load_result.model, load_result.estimate.value, motion.select_between(2.0, 3.0), restart=0.5)
     assert run.failure is None
     assert max(run.motion_error.values()) < 10.0
     exact = free_run(MODEL.with_load(THETA), THETA, truth.select_between(2.0, 3.0), restart=0.5)
@@ -70,7 +70,7 @@ def test_the_memory_goes_on_in_a_free_simulation(found, truth):
     assert max(exact.motion_error.values()) < 1.0 < min(without.motion_error.values())
 
 
-def test_maximum_likelihood_takes_the_memory_of_the_smoothed_motion(log, found):
+def test_maximum_likelihood_takes_the_memory_of_the_smoothed_motion(log, load_result):
     recipe = dy.Recipe(estimator=dy.MaximumLikelihood())
     likely = dy.identify(MODEL, [log.window(0.0, 4.0)], recipe=recipe)
     np.testing.assert_allclose(likely.estimate.value[-6:], THETA[-6:], rtol=0.2)

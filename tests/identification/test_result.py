@@ -22,7 +22,7 @@ from tests.project.same import assert_same
 
 
 @pytest.fixture(scope="module")
-def found() -> Identification:
+def example() -> Identification:
     """Smoother, time offset and base tilt are all sought."""
     model, motion = tilted(0.02, -0.03)
     log = Log(motion.t, motion.q, motion.tau, motion.joints, "moves")
@@ -30,24 +30,24 @@ def found() -> Identification:
     return identify(model, [log], [replace(log, source="again")], sought)
 
 
-def test_the_recipe_as_used_leaves_nothing_to_choose(found: Identification) -> None:
-    (smoother,), offset = found.recipe.smoothers, found.recipe.time_offset
+def test_the_recipe_as_used_leaves_nothing_to_choose(example: Identification) -> None:
+    (smoother,), offset = example.recipe.smoothers, example.recipe.time_offset
     assert isinstance(offset, float)
     assert smoother == (TimeShifted(Spline(), offset) if offset else Spline())
-    tilt = found.calibration.base_tilt
-    assert found.recipe.base_tilt == (tilt.x, tilt.y)
-    log = found.validations[0].recorded_log
-    np.testing.assert_array_equal(found.recipe.motion(log).ddq, found.validations[0].motion.ddq)
+    tilt = example.calibration.base_tilt
+    assert example.recipe.base_tilt == (tilt.x, tilt.y)
+    log = example.validations[0].recorded_log
+    np.testing.assert_array_equal(example.recipe.motion(log).ddq, example.validations[0].motion.ddq)
 
 
-def test_the_recipe_as_used_gives_the_same_again(found: Identification) -> None:
+def test_the_recipe_as_used_gives_the_same_again(example: Identification) -> None:
     """To the model as it was given: the tilt of the base is in the recipe."""
     model, _ = tilted(0.0, 0.0)
-    log = found.validations[0].recorded_log
-    again = identify(model, [log], [replace(log, source="again")], found.recipe)
-    assert again.recipe == found.recipe
-    assert_same(found.estimate, again.estimate)
-    assert_same(found.validations, again.validations)
+    log = example.validations[0].recorded_log
+    again = identify(model, [log], [replace(log, source="again")], example.recipe)
+    assert again.recipe == example.recipe
+    assert_same(example.estimate, again.estimate)
+    assert_same(example.validations, again.validations)
 
 
 def test_a_time_offset_is_not_applied_twice() -> None:
@@ -75,32 +75,32 @@ def test_a_controller_sees_positions_when_they_were_stamped(is_looped: bool) -> 
     np.testing.assert_array_equal(validation.free_run.q, expected.q)
 
 
-def test_a_new_log_is_predicted_with_joints_in_any_order(found: Identification) -> None:
-    log = found.validations[1].recorded_log
+def test_a_new_log_is_predicted_with_joints_in_any_order(example: Identification) -> None:
+    log = example.validations[1].recorded_log
     turned = log.select(tuple(reversed(log.joints)))
-    predicted = found.predict(turned)
-    np.testing.assert_array_equal(predicted.predicted_torque, found.validations[1].predicted_torque)
-    assert predicted.errors.relative_error == found.validations[1].errors.relative_error
+    predicted = example.predict(turned)
+    np.testing.assert_array_equal(predicted.predicted_torque, example.validations[1].predicted_torque)
+    assert predicted.errors.relative_error == example.validations[1].errors.relative_error
 
 
-def test_a_recipe_with_several_smoothers_has_no_motion_yet(found: Identification) -> None:
-    log = found.validations[0].recorded_log
+def test_a_recipe_with_several_smoothers_has_no_motion_yet(example: Identification) -> None:
+    log = example.validations[0].recorded_log
     with pytest.raises(ConfigError, match="2 smoothers to choose from"):
         Recipe((Spline(), Spline(factor=2.0)), LeastSquares()).motion(log)
 
 
-def test_signals_that_are_not_there_are_said_to_be_missing(found: Identification) -> None:
-    bare = replace(found.validations[0], signals=None)
+def test_signals_that_are_not_there_are_said_to_be_missing(example: Identification) -> None:
+    bare = replace(example.validations[0], signals=None)
     for name in ("motion", "predicted_torque", "recorded_log"):
         with pytest.raises(InputError, match="moves: a saved result holds the errors"):
             getattr(bare, name)
 
 
-def test_std_allows_for_correlated_residuals_everywhere_where_it_can(found: Identification, tmp_path: Path) -> None:
-    errors, rows = found.errors, json.loads(found.save(tmp_path / "result.json").read_text())["parameters"]
+def test_std_allows_for_correlated_residuals_everywhere_where_it_can(example: Identification, tmp_path: Path) -> None:
+    errors, rows = example.errors, json.loads(example.save(tmp_path / "result.json").read_text())["parameters"]
     assert errors.allows_correlation
     assert not replace(errors, std=errors.std_independent, base_std=errors.base_std_independent).allows_correlation
-    np.testing.assert_array_equal(errors.std_independent, found.estimate.std)
+    np.testing.assert_array_equal(errors.std_independent, example.estimate.std)
     for name in ("std", "std_independent"):
-        np.testing.assert_array_equal(found.frame()[name], getattr(errors, name))
+        np.testing.assert_array_equal(example.frame()[name], getattr(errors, name))
         np.testing.assert_array_equal([float(row[name]) for row in rows], getattr(errors, name))

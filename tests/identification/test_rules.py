@@ -158,7 +158,7 @@ def test_a_quarter_of_the_base_parameters_may_be_missing_for_control(arm: Identi
 def test_limits_of_what_physics_may_hold_back(
     arm: Identification, growth: float, apart: float, use: Use, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rules, "constraint_effect", lambda found: ConstraintEffect(growth, apart))
+    monkeypatch.setattr(rules, "constraint_effect", lambda x: ConstraintEffect(growth, apart))
     arm = replace(arm)  # a verdict is found once
     assert judge(arm).use is use
     assert judge(arm).reasons == (() if use is Use.SIMULATION else (why.HeldBack(growth, apart),))

@@ -188,11 +188,11 @@ def test_an_error_that_the_low_pass_takes_away_is_forgiven_up_to_a_limit(good: I
 
 
 def of_errors(**changes: Any) -> Change:
-    return lambda found: of_part(1, errors=replace(found.validations[1].errors, **changes))(found)
+    return lambda x: of_part(1, errors=replace(x.validations[1].errors, **changes))(x)
 
 
 def of_run(**changes: Any) -> Change:
-    return lambda found: of_part(1, free_run=replace(found.runs[1], **changes))(found)
+    return lambda x: of_part(1, free_run=replace(x.runs[1], **changes))(x)
 
 
 def silent(identification: Identification) -> Identification:
@@ -206,14 +206,14 @@ def negative(identification: Identification) -> Identification:
     )
 
 
-NO_RUN: Change = lambda found: of_part(0, free_run=None)(of_part(1, free_run=None)(found))  # noqa: E731
+NO_RUN: Change = lambda x: of_part(0, free_run=None)(of_part(1, free_run=None)(x))  # noqa: E731
 FAULTS: list[tuple[Change, why.Reason]] = [
-    (lambda found: replace(found, validations=found.validations[:1]), why.NoHoldOut()),
+    (lambda x: replace(x, validations=x.validations[:1]), why.NoHoldOut()),
     (silent, why.SilentTorque(("slider",))),
     (of_errors(relative_error=11.0), why.TorqueErrorTooLarge("fast", 11.0, 10.0)),
     (of_errors(relative_error=26.0, relative_error_filtered=3.0), why.UnfilteredErrorTooLarge("fast", 26.0, 25.0)),
     (
-        lambda found: replace(found, mass=replace(found.mass, positive=False, smallest=-0.1)),
+        lambda x: replace(x, mass=replace(x.mass, positive=False, smallest=-0.1)),
         why.MassMatrixNotPositive(-0.1),
     ),
 ]

@@ -24,19 +24,19 @@ def swinging(rate: float, name: str) -> dy.Log:
 
 
 @pytest.fixture(scope="module")
-def found() -> dy.Identification:
+def example() -> dy.Identification:
     method = dy.Recipe(dy.Difference("central"), restart=1.0)
     return dy.identify("gallery:slider", swinging(3, "monday"), swinging(4, "tuesday"), method)
 
 
 @pytest.fixture(scope="module")
-def saved(found: dy.Identification) -> dy.Identification:
+def saved(example: dy.Identification) -> dy.Identification:
     """As a result is loaded: without signals."""
-    return replace(found, validations=tuple(replace(validation, signals=None) for validation in found.validations))
+    return replace(example, validations=tuple(replace(validation, signals=None) for validation in example.validations))
 
 
-def test_a_terminal_shows_verdict_errors_and_parameters(found: dy.Identification) -> None:
-    first, training, held_out, parameters = repr(found).splitlines()
+def test_a_terminal_shows_verdict_errors_and_parameters(example: dy.Identification) -> None:
+    first, training, held_out, parameters = repr(example).splitlines()
     assert first.startswith("<Identification of 'slider': good for ")
     assert training.startswith("  Torque error, training: monday 0.")
     assert held_out.startswith("  Torque error, held out: tuesday 0.")
@@ -44,9 +44,9 @@ def test_a_terminal_shows_verdict_errors_and_parameters(found: dy.Identification
     assert parameters.endswith(" and 1 more>")
 
 
-def test_a_plot_lists_its_figures(found: dy.Identification) -> None:
-    figures = [name for name in dir(found.plot) if not name.startswith("_") and name != "identification"]
-    assert sorted(figures) == sorted(re.findall(r"(\w+)\((?!file)", repr(found.plot)))
+def test_a_plot_lists_its_figures(example: dy.Identification) -> None:
+    figures = [name for name in dir(example.plot) if not name.startswith("_") and name != "identification"]
+    assert sorted(figures) == sorted(re.findall(r"(\w+)\((?!file)", repr(example.plot)))
 
 
 def test_columns_of_a_check_say_of_what_they_are() -> None:
@@ -63,16 +63,16 @@ def test_what_forbids_its_use_is_said_first() -> None:
     ]
 
 
-def test_parameters_that_the_data_determine_come_first(found: dy.Identification) -> None:
-    std = np.array([np.inf, *found.errors.std[1:]])
-    unsure = replace(found, errors=replace(found.errors, std=std))
+def test_parameters_that_the_data_determine_come_first(example: dy.Identification) -> None:
+    std = np.array([np.inf, *example.errors.std[1:]])
+    unsure = replace(example, errors=replace(example.errors, std=std))
     assert repr(unsure).splitlines()[-1].startswith("  Fv = 7.999 ")
 
 
-def test_a_notebook_shows_tables_and_no_markup_of_names(found: dy.Identification) -> None:
-    model = replace(found.model, name=EVIL)
+def test_a_notebook_shows_tables_and_no_markup_of_names(example: dy.Identification) -> None:
+    model = replace(example.model, name=EVIL)
     evil = replace(
-        found, model=model, validations=tuple(replace(validation, name=EVIL) for validation in found.validations)
+        example, model=model, validations=tuple(replace(validation, name=EVIL) for validation in example.validations)
     )
     html = evil._repr_html_()
     assert "<script" not in html
@@ -82,43 +82,45 @@ def test_a_notebook_shows_tables_and_no_markup_of_names(found: dy.Identification
         assert words in html
 
 
-def test_frames_hold_the_numbers(found: dy.Identification) -> None:
-    table = found.frame()
+def test_frames_hold_the_numbers(example: dy.Identification) -> None:
+    table = example.frame()
     assert table["parameter"].to_list() == list(slider().names)
-    np.testing.assert_array_equal(table["value"], found.estimate.value)
-    np.testing.assert_array_equal(table["std"], found.errors.std)
-    errors = found.validations[1].frame()
+    np.testing.assert_array_equal(table["value"], example.estimate.value)
+    np.testing.assert_array_equal(table["std"], example.errors.std)
+    errors = example.validations[1].frame()
     assert errors["joint"].to_list() == ["slider"]
-    assert errors["relative_error"][0] == found.validations[1].errors.per_joint["slider"]
+    assert errors["relative_error"][0] == example.validations[1].errors.per_joint["slider"]
     assert errors["relative_error_filtered"].to_list() == [None]
 
 
-def test_figures_are_those_of_the_report(found: dy.Identification) -> None:
-    predicted = found.plot.torque("tuesday", "slider").data[1]
+def test_figures_are_those_of_the_report(example: dy.Identification) -> None:
+    predicted = example.plot.torque("tuesday", "slider").data[1]
     assert predicted.name == "predicted"
-    assert found.plot.torque().data[1].y[100] == predicted.y[100]  # held out by default
-    assert found.plot.torque("monday").data[1].y[100] != predicted.y[100]
-    assert [trace.name for trace in found.plot.smoothing().data][:2] == ["measured", "smoothed"]
-    assert [trace.name for trace in found.plot.free_run().data][:2] == ["measured", "simulated"]
-    assert len(found.plot.errors().data) == 2
-    assert len(found.plot.parameters().data[0].x) == 4
+    assert example.plot.torque().data[1].y[100] == predicted.y[100]  # held out by default
+    assert example.plot.torque("monday").data[1].y[100] != predicted.y[100]
+    assert [trace.name for trace in example.plot.smoothing().data][:2] == ["measured", "smoothed"]
+    assert [trace.name for trace in example.plot.free_run().data][:2] == ["measured", "simulated"]
+    assert len(example.plot.errors().data) == 2
+    assert len(example.plot.parameters().data[0].x) == 4
 
 
-def test_wrong_names_are_answered_with_the_choices(found: dy.Identification) -> None:
+def test_wrong_names_are_answered_with_the_choices(example: dy.Identification) -> None:
     with pytest.raises(InputError, match="no log 'teusday'; did you mean 'tuesday'"):
-        found.plot.torque("teusday")
+        example.plot.torque("teusday")
     with pytest.raises(InputError, match="no joint 'sldr'; did you mean 'slider'"):
-        found.plot.smoothing("tuesday", "sldr")
-    still = replace(found, validations=tuple(replace(validation, free_run=None) for validation in found.validations))
+        example.plot.smoothing("tuesday", "sldr")
+    still = replace(
+        example, validations=tuple(replace(validation, free_run=None) for validation in example.validations)
+    )
     with pytest.raises(InputError, match="no free simulation; ask for one"):
         still.plot.free_run()
 
 
-def test_a_saved_result_shows_what_it_holds(found: dy.Identification, saved: dy.Identification) -> None:
+def test_a_saved_result_shows_what_it_holds(example: dy.Identification, saved: dy.Identification) -> None:
     assert repr(saved).splitlines()[0] == "<Identification of 'slider'"
-    assert repr(saved).splitlines()[1:] == repr(found).splitlines()[1:]
+    assert repr(saved).splitlines()[1:] == repr(example).splitlines()[1:]
     assert "its verdict is in its report" in saved._repr_html_()
-    assert saved.frame().equals(found.frame())
+    assert saved.frame().equals(example.frame())
     assert len(saved.plot.errors().data) == 2
     with pytest.raises(InputError, match="not its signals"):
         saved.plot.torque()

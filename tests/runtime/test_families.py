@@ -130,7 +130,7 @@ def test_every_term_is_tried_here():
     assert {TERMS.kind_of(part) for part in ON_JOINTS} == set(TERMS.table)
 
 
-@pytest.mark.parametrize("family", [SMOOTHERS, TERMS, ESTIMATORS], ids=lambda one: one.name)
+@pytest.mark.parametrize("family", [SMOOTHERS, TERMS, ESTIMATORS], ids=lambda x: x.name)
 def test_schemas_list_every_kind_with_its_settings(family):
     made = json.loads(json.dumps(schemas(family)))
     assert tuple(made) == family.kinds()

@@ -186,7 +186,7 @@ def test_intervals_hold_where_residuals_are_correlated_within_parts() -> None:
         regression = Regression(MODEL, (motion(seed, 0.9, 4000),))
         theta, factors = fit(regression), factors_of_parts(regression, divide_regression(regression, 100))
         off = np.abs(theta - truth)
-        inside.append(off < 1.96 * clustered_std(lambda one=factors: one, regression, theta))  # type: ignore[misc]
+        inside.append(off < 1.96 * clustered_std(lambda x=factors: x, regression, theta))  # type: ignore[misc]
         plain.append(off < 1.96 * plain_std(regression, theta, np.ones(2), range(4)))
     assert 0.88 < np.mean(inside) < 0.98
     assert np.mean(plain) < 0.5

@@ -246,7 +246,7 @@ def test_a_bag_is_drafted_with_the_units_of_ros(arm, tmp_path):
     q, tau = (list(zip(*(SOUND[f"{name}.{kind}"] for name in arms), strict=True)) for kind in ("position", "effort"))
     states = [State(arms, q[k], (), tau[k], stamp) for k, stamp in enumerate(stamps)]
     states += [State(("finger",), (0.03,), (), (), stamp, topic="/gripper") for stamp in stamps[:10]]
-    write_bag(tmp_path, "db3", sorted(states, key=lambda one: one.stamp), "monday")
+    write_bag(tmp_path, "db3", sorted(states, key=lambda x: x.stamp), "monday")
     succeed("init", arm, "monday/")
     text = (tmp_path / "identify.yaml").read_text()
     assert "the unit is that of ROS" in text

@@ -85,7 +85,7 @@ GAIN = 1.05
 
 
 @cache
-def found() -> Payload:
+def payload_result() -> Payload:
     return find_payload(result(), {"loaded": recorded("loaded", CARRIED)}, request=KNOWN)
 
 
@@ -100,7 +100,7 @@ def distance(payload: Payload) -> float:
 
 
 def test_a_payload_is_found_within_its_errors() -> None:
-    case = found()
+    case = payload_result()
     assert distance(case) < 4
     assert case.body.mass == pytest.approx(3.0, rel=0.01)
     assert case.body.centre == pytest.approx(TRUTH[1:4], abs=0.003)
@@ -291,4 +291,6 @@ def test_a_known_mass_far_beyond_the_arm_is_refused() -> None:
 
 
 def test_the_figures_of_a_payload_stay() -> None:
-    check_kept("payloads", "\n".join(line for payload in (found(), weighed()) for line in facts(payload, depth=2)))
+    check_kept(
+        "payloads", "\n".join(line for payload in (payload_result(), weighed()) for line in facts(payload, depth=2))
+    )

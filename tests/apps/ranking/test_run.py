@@ -44,8 +44,8 @@ def config(more: str = "", smoother: str = "{ kind: spline }") -> Config:
     return parse_config(CONFIG.replace("{ kind: spline }", smoother) + more)
 
 
-def names(found: tuple[object, ...]) -> list[str]:
-    return [x.name for x in found]  # type: ignore[attr-defined]
+def names(arm_ranking: tuple[object, ...]) -> list[str]:
+    return [x.name for x in arm_ranking]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("status", Status)
@@ -117,13 +117,13 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def found(project: Path) -> Ranking:
+def arm_ranking(project: Path) -> Ranking:
     """A small comparison."""
     return compare(project, **FEW)
 
 
-def numbers(found: Ranking) -> list[tuple[Any, ...]]:
-    return found.frame().drop(TIMES).rows()
+def numbers(arm_ranking: Ranking) -> list[tuple[Any, ...]]:
+    return arm_ranking.frame().drop(TIMES).rows()
 
 
 def test_the_combination_of_the_configuration_has_the_errors_of_identify(tmp_path: Path) -> None:
@@ -177,24 +177,26 @@ def test_a_controller_that_did_not_run_is_said(tmp_path: Path) -> None:
     assert comparison.forbidding_findings == ()
 
 
-def test_combinations_are_ranked_and_worse_ones_told(found: Ranking) -> None:
-    assert found.basis == "validation"
-    assert found.has_enough_blocks
-    assert [standing.combination.estimator for standing in found.standings] == ["least_squares"] * 2 + ["Halved"] * 2
-    assert found.best is found.standings[0]
-    assert [x.is_worse for x in found.standings[2:]] == [True, True]
-    assert all(40.0 < x.error < 60.0 for x in found.standings[2:])
-    assert found.choice in found.within_chance
-    for standing in found.standings:
+def test_combinations_are_ranked_and_worse_ones_told(arm_ranking: Ranking) -> None:
+    assert arm_ranking.basis == "validation"
+    assert arm_ranking.has_enough_blocks
+    assert [standing.combination.estimator for standing in arm_ranking.standings] == ["least_squares"] * 2 + [
+        "Halved"
+    ] * 2
+    assert arm_ranking.best is arm_ranking.standings[0]
+    assert [x.is_worse for x in arm_ranking.standings[2:]] == [True, True]
+    assert all(40.0 < x.error < 60.0 for x in arm_ranking.standings[2:])
+    assert arm_ranking.choice in arm_ranking.within_chance
+    for standing in arm_ranking.standings:
         assert standing.cross_validated["slider"] == pytest.approx(standing.training["slider"], rel=0.1)
         assert 1.0 <= standing.condition < 10.0
-    difference = found.standings[-1].error - found.standings[0].error
-    low, high = found.standings[-1].interval
+    difference = arm_ranking.standings[-1].error - arm_ranking.standings[0].error
+    low, high = arm_ranking.standings[-1].interval
     assert low < difference < high
-    check_kept("compared", "\n".join(line for row in numbers(found) for line in facts(list(row))))
+    check_kept("compared", "\n".join(line for row in numbers(arm_ranking) for line in facts(list(row))))
 
 
-def test_what_fails_is_a_row_and_what_lacks_something_is_listed(project: Path, found: Ranking) -> None:
+def test_what_fails_is_a_row_and_what_lacks_something_is_listed(project: Path, arm_ranking: Ranking) -> None:
     more = {**FEW, "estimators": [*FEW["estimators"], Raising(), Lacking(), Whole(700)]}
     more["smoothers"] = [*FEW["smoothers"], Stuck()]
     all_of_them = compare(project, **more)
@@ -202,7 +204,7 @@ def test_what_fails_is_a_row_and_what_lacks_something_is_listed(project: Path, f
         standing.error
         for standing in all_of_them.standings
         if standing.combination.estimator in ("least_squares", "Halved")
-    ] == [standing.error for standing in found.standings]
+    ] == [standing.error for standing in arm_ranking.standings]
     raising = next(failure for failure in all_of_them.failures if failure.combination.estimator == "Raising")
     assert raising.reason.endswith("ZeroDivisionError: no estimate of slider")
     stuck = [failure for failure in all_of_them.failures if failure.combination.smoother == "Stuck"]
@@ -216,25 +218,27 @@ def test_what_fails_is_a_row_and_what_lacks_something_is_listed(project: Path, f
     assert full.reason == "cross-validation: too few samples"
 
 
-def test_a_smoother_that_leaves_out_nearly_all_takes_nothing_from_the_others(project: Path, found: Ranking) -> None:
+def test_a_smoother_that_leaves_out_nearly_all_takes_nothing_from_the_others(
+    project: Path, arm_ranking: Ranking
+) -> None:
     more = compare(project, **{**FEW, "smoothers": [*FEW["smoothers"], Greedy()]})
-    assert more.shares == found.shares
-    assert [standing.error for standing in more.standings] == [standing.error for standing in found.standings]
+    assert more.shares == arm_ranking.shares
+    assert [standing.error for standing in more.standings] == [standing.error for standing in arm_ranking.standings]
     left = [failure for failure in more.failures if failure.combination.smoother == "Greedy"]
     assert {x.outcome for x in left} == {CombinationOutcome.TOO_FEW}
     assert left[0].reason.startswith("monday: keeps 20 samples, where most smoothers keep 7")
 
 
-def test_a_substitute_of_a_smoother_is_told_and_has_the_same_parameters(project: Path, found: Ranking) -> None:
+def test_a_substitute_of_a_smoother_is_told_and_has_the_same_parameters(project: Path, arm_ranking: Ranking) -> None:
     more = compare(project, smoothers=[OnMonday()], estimators=["least_squares"], folds=0)
-    assert found.substituted_smoothers == ()
+    assert arm_ranking.substituted_smoothers == ()
     assert more.substituted_smoothers == ("OnMonday",)
     assert any(
         ranking_finding.startswith("OnMonday does not apply to all motion")
         for ranking_finding in ranking_findings(more)
     )
     case = next(standing for standing in more.standings if standing.combination.smoother == "OnMonday")
-    central = found.standings[0]
+    central = arm_ranking.standings[0]
     assert case.same_motion["slider"] == pytest.approx(central.same_motion["slider"], rel=1e-2)
     assert case.error > 1.1 * central.error
 
@@ -283,7 +287,7 @@ def test_a_log_that_repeats_the_training_is_named(tmp_path: Path) -> None:
     assert compare(path, smoothers=[], estimators=[], folds=0).repeats == (("again", "monday"),)
 
 
-def test_rows_are_kept_and_a_stopped_run_goes_on(project: Path, found: Ranking, tmp_path: Path) -> None:
+def test_rows_are_kept_and_a_stopped_run_goes_on(project: Path, arm_ranking: Ranking, tmp_path: Path) -> None:
     out = tmp_path / "out"
 
     def stop(step: str) -> None:
@@ -296,7 +300,7 @@ def test_rows_are_kept_and_a_stopped_run_goes_on(project: Path, found: Ranking, 
     assert "Finished rows are kept in" in stopped.value.__notes__[0]
     again = compare(project, out, **FEW)
     assert again.computed == 1
-    assert numbers(again) == numbers(found)
+    assert numbers(again) == numbers(arm_ranking)
     for _ in range(2):  # those that fail are tried again
         more = compare(project, out, **{**FEW, "estimators": ["least_squares", Raising()]})
         assert more.computed == 2
@@ -325,10 +329,10 @@ def test_a_limit_holds_for_each_combination(project: Path, tmp_path: Path) -> No
     assert max(step.total or 0 for step in steps if step.words == "estimating") == 4
 
 
-def test_any_executor_gives_the_same_rows(project: Path, found: Ranking) -> None:
+def test_any_executor_gives_the_same_rows(project: Path, arm_ranking: Ranking) -> None:
     with ThreadPoolExecutor(2) as executor:
         spread = compare(project, **FEW, executor=executor)
-    assert numbers(spread) == numbers(found)
+    assert numbers(spread) == numbers(arm_ranking)
 
 
 def test_a_folder_with_inputs_or_another_report_is_left_alone(project: Path, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ BODIES = RigidBodies(ARM)
 TERMS = (Viscous, Coulomb, Offset)
 MODEL = Model((BODIES, *(part(BODIES.joints) for part in TERMS)), name="arm")
 JOINTS = tuple(joint.name for joint in MODEL.joints)
-THETA = np.array([0.4 if one.value is None else one.value for one in MODEL.parameters])
+THETA = np.array([0.4 if x.value is None else x.value for x in MODEL.parameters])
 RATE = 200.0
 
 

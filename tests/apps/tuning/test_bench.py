@@ -101,19 +101,19 @@ def test_folds_together_are_all_samples() -> None:
 
 Change = Callable[[Tuning], Tuning]
 CHANGES: dict[str, Change] = {
-    "nothing": lambda one: one,
-    "one joint": lambda one: one.with_degree(1.0, 1),
-    "all joints": lambda one: one.with_degree(0.1),
-    "a window": lambda one: one.exclude("log 1", 2.0, 3.5).exclude("log 2", 1.0, 1.2),
-    "minimum speed": lambda one: replace(one, min_speed=(0.1, 0.0, 0.3)),
-    "a filter": lambda one: replace(one, filter=ParallelFilter(decimate=4)),
-    "without a joint": lambda one: replace(one, unfitted=(JOINTS[1],)),
-    "fewer terms": lambda one: with_terms(one, 0, ("viscous",)),
-    "more terms": lambda one: with_terms(one, 2, (*one.terms[2], "rotor", "stribeck")),
-    "terms that remember": lambda one: with_terms(one, 0, ("viscous", "dahl")),
-    "terms that see the load": lambda one: with_terms(one, 0, ("viscous", "load_coulomb")),
-    "estimator": lambda one: replace(one, estimator="consistent"),
-    "time offset": lambda one: replace(one, time_offset=0.002),
+    "nothing": lambda x: x,
+    "one joint": lambda x: x.with_degree(1.0, 1),
+    "all joints": lambda x: x.with_degree(0.1),
+    "a window": lambda x: x.exclude("log 1", 2.0, 3.5).exclude("log 2", 1.0, 1.2),
+    "minimum speed": lambda x: replace(x, min_speed=(0.1, 0.0, 0.3)),
+    "a filter": lambda x: replace(x, filter=ParallelFilter(decimate=4)),
+    "without a joint": lambda x: replace(x, unfitted=(JOINTS[1],)),
+    "fewer terms": lambda x: with_terms(x, 0, ("viscous",)),
+    "more terms": lambda x: with_terms(x, 2, (*x.terms[2], "rotor", "stribeck")),
+    "terms that remember": lambda x: with_terms(x, 0, ("viscous", "dahl")),
+    "terms that see the load": lambda x: with_terms(x, 0, ("viscous", "load_coulomb")),
+    "estimator": lambda x: replace(x, estimator="consistent"),
+    "time offset": lambda x: replace(x, time_offset=0.002),
 }
 
 

@@ -58,7 +58,7 @@ def session(arm: Bench) -> Session:
 
 def words(component: Any) -> str:
     """Return a component as the page gets it."""
-    return json.dumps(component, default=lambda one: one.to_plotly_json(), ensure_ascii=False)
+    return json.dumps(component, default=lambda x: x.to_plotly_json(), ensure_ascii=False)
 
 
 def test_curves_follow_the_degree_and_not_the_setting(session: Session) -> None:

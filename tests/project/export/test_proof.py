@@ -59,7 +59,7 @@ def test_what_shapes_lack_is_not_printed_by_the_parser_of_pinocchio(capfd):
 
 
 def test_a_failed_proof_is_a_refusal(monkeypatch):
-    monkeypatch.setattr(Urdf, "write", lambda _, one: replace(identified_urdf(one), text=ARM))
+    monkeypatch.setattr(Urdf, "write", lambda _, x: replace(identified_urdf(x), text=ARM))
     made = export(arm(), Urdf(), STATES)
     assert not made.ready
     assert "does not reproduce the identified torque" in made.refusal

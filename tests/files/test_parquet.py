@@ -105,6 +105,19 @@ def test_damage_is_an_error():
         value_counts(data[: -8 - size] + b"\x1c" * size + data[-8:])
 
 
+@pytest.mark.parametrize("place", [7, 10, 14], ids=["unpacked size", "packed size", "values"])
+def test_a_page_with_an_impossible_size_or_count_is_refused(tmp_path, place):
+    """Polars would allocate as much, and end the process."""
+    path = tmp_path / "a.parquet"
+    pl.DataFrame({"t": np.arange(50.0)}).write_parquet(path)
+    data = path.read_bytes()
+    assert data[4:7] == b"\x15\x00\x15"  # the head of the page: its kind, then its sizes and the number of values
+    assert len(read_columns(path).column("t")) == 50
+    path.write_bytes(data[:place] + bytes([data[place] | 1]) + data[place + 1 :])  # odd numbers stand for negative ones
+    with pytest.raises(InputError, match="page with a damaged head, at byte 4"):
+        read_columns(path)
+
+
 def test_a_number_of_values_below_zero_counts_as_none():
     """A list of row groups, with one of columns, whose numbers of values are -5 and 7."""
     columns = b"".join(bytes([0x3C, 0x39, 0x18, 1, name, 0x26, zigzag, 0, 0]) for name, zigzag in ((113, 9), (116, 14)))

@@ -5,9 +5,12 @@ They are numbers, dates and times, lists of one length (``q[0]``), or fields of 
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -33,6 +36,13 @@ if TYPE_CHECKING:
 
 _MAX_FOOTER_DEPTH = 20
 _ROW_GROUPS, _CHUNKS, _META, _PATH, _COUNT = 4, 1, 3, 3, 5  # the fields of the footer that are used
+_CHUNK_SIZE, _PAGE_STARTS = 7, (9, 11)  # ... of the pages of a column: compressed size, first page of values and keys
+_SIZES, _KEYS = (
+    (2, 3),
+    7,
+)  # the fields of the head of a page: unpacked and packed size, and what is said of keys
+_COUNTS = ((5, (1,)), (8, (1, 2, 3)))  # ... of values in version 1 and 2, with the numbers of values, nulls and rows
+_MAX_HEAD = 2**16  # bytes that the head of a page takes, with the least and largest text in it
 _MAX_STRUCT_DEPTH = 20  # structs in structs
 _CELLS_PER_TEXT = 20  # columns of numbers that take as much memory as one of texts that are read as dates
 
@@ -52,15 +62,56 @@ def value_counts(data: bytes) -> Mapping[tuple[str, ...], int]:
 
     Raises ValueError or IndexError where it is damaged.
     """
+    counts: Counter[tuple[str, ...]] = Counter()
+    for meta in _column_chunks(data):
+        counts[tuple(part.decode() for part in meta.get(_PATH, ()))] += max(meta.get(_COUNT, 0), 0)
+    return counts
+
+
+def _column_chunks(data: bytes) -> Iterator[dict[int, Any]]:
+    """Yield what the ``footer`` says of each column in each group of rows."""
     size = int.from_bytes(data[-8:-4], "little")
     if data[-4:] != b"PAR1" or size + 8 > len(data):
         raise ValueError("has no footer of a Parquet file")
-    counts: Counter[tuple[str, ...]] = Counter()
     for group in _CompactReader(data[-8 - size : -8]).read_struct().get(_ROW_GROUPS, ()):
-        for chunk in group.get(_CHUNKS, ()):
-            meta = chunk.get(_META, {})
-            counts[tuple(part.decode() for part in meta.get(_PATH, ()))] += max(meta.get(_COUNT, 0), 0)
-    return counts
+        yield from (chunk.get(_META, {}) for chunk in group.get(_CHUNKS, ()))
+
+
+def check_pages(file: BinaryIO) -> None:
+    """Raise ValueError where the head of a page has a size or a count that its column cannot have.
+
+    Polars would allocate as much, and end the process. What is not understood here is left to it.
+    """
+    damaged_pages = list[int]()
+    with suppress(ValueError, IndexError, KeyError, TypeError):
+        damaged_pages.extend(_damaged_pages(file))
+    if damaged_pages:
+        raise ValueError(f"has a page with a damaged head, at byte {damaged_pages[0]}")
+
+
+def _damaged_pages(file: BinaryIO) -> Iterator[int]:
+    """Yield where pages begin whose head has an impossible size or count; Exceptions are of what is not understood."""
+    for meta in _column_chunks(footer(file)):
+        start = min(at for at in map(meta.get, _PAGE_STARTS) if at)
+        stop, largest = start + meta[_CHUNK_SIZE], meta[_COUNT]
+        while start < stop:
+            file.seek(start)
+            reader = _CompactReader(file.read(_MAX_HEAD))
+            head = reader.read_struct()
+            unpacked, packed = (head[size] for size in _SIZES)
+            counts = [head[part][count] for part, numbers in _COUNTS for count in numbers if part in head]
+            keys = head[_KEYS][1] if _KEYS in head else 0
+            if min(unpacked, packed) < 0 or not 0 <= keys <= unpacked or not all(0 <= x <= largest for x in counts):
+                yield start
+                break
+            start += reader.position + packed
+
+
+@lru_cache(maxsize=4096)
+def _check_file(path: Path, size: int, changed: int) -> None:  # noqa: ARG001 - a file that has changed is another one
+    """Check the pages of a file, once: of a long recording it is read part by part."""
+    with path.open("rb") as file:
+        check_pages(file)
 
 
 class _CompactReader:
@@ -74,6 +125,11 @@ class _CompactReader:
             7: lambda: self._read_bytes(8), 8: lambda: self._read_bytes(self._read_varint()),
             9: self._read_list, 10: self._read_list, 12: self.read_struct,
         }  # fmt: skip
+
+    @property
+    def position(self) -> int:
+        """The number of bytes that were read."""
+        return self._at
 
     def read_struct(self) -> dict[int, Any]:
         """Return the fields of a struct by their numbers."""
@@ -160,6 +216,7 @@ def read_parquet(path: Path, needed: Collection[str] | None = None) -> DataTable
     """Read a Parquet file, or those of one recording, as ``recording_parts`` finds them, one after the other."""
     if not is_divided(path):
         data = nonempty_content(path)
+        check_pages(BytesIO(data))
         return _read_columns(BytesIO(data), path, needed, None, len(data))
     files = recording_parts(path)
     rows = sum(map(count_rows, files))
@@ -171,6 +228,8 @@ def read_parquet(path: Path, needed: Collection[str] | None = None) -> DataTable
 def read_rows(path: Path, needed: Collection[str] | None, rows: slice) -> DataTable:
     """Read some rows of a Parquet file; places are those in the file. Raises as ``read_columns``."""
     with report_damage(path), open_nonempty(path) as file:
+        status = os.fstat(file.fileno())
+        _check_file(path, status.st_size, status.st_mtime_ns)
         return _read_columns(file, path, needed, rows, 0)
 
 

@@ -110,7 +110,7 @@ def _damaged_pages(file: BinaryIO) -> Iterator[int]:
 @lru_cache(maxsize=4096)
 def _check_file(path: Path, size: int, changed: int) -> None:  # noqa: ARG001 - a file that has changed is another one
     """Check the pages of a file, once: of a long recording it is read part by part."""
-    with path.open("rb") as file:
+    with open_nonempty(path) as file:
         check_pages(file)
 
 

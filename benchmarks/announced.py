@@ -209,20 +209,20 @@ def found(
 
 def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
     """Return the tables of a robot."""
-    test_arm, began = arm(name, folder, given.floor, given.duration, Program(given.program)), time.process_time()
+    robot, began = arm(name, folder, given.floor, given.duration, Program(given.program)), time.process_time()
     made = design(
-        test_arm.model,
-        test_arm.nominal,
-        test_arm.limits,
-        test_arm.space,
-        test_arm.request,
+        robot.model,
+        robot.nominal,
+        robot.limits,
+        robot.space,
+        robot.request,
         np.random.default_rng(given.seed),
     )
     print(f"{name}: {time.process_time() - began:.1f} s of CPU for the design", flush=True)
-    basis, sigma = made.expected.basis, test_arm.request.sigma
-    states = test_arm.model.random_states(np.random.default_rng(0), STATES)
+    basis, sigma = made.expected.basis, robot.request.sigma
+    states = robot.model.random_states(np.random.default_rng(0), STATES)
     size = np.sqrt(
-        np.square(test_arm.model.regressor(**states)[:, :, list(basis.independent)] / sigma[:, None]).mean((0, 1))
+        np.square(robot.model.regressor(**states)[:, :, list(basis.independent)] / sigma[:, None]).mean((0, 1))
     )
 
     def worst(told: ExpectedAccuracy) -> float:
@@ -231,27 +231,27 @@ def measured(name: str, folder: Path, given: argparse.Namespace) -> Row:
     periods = sum(piece.purpose is Purpose.MOTION for piece in made.trajectory.pieces)
     motions = {"designed": made.trajectory}
     if periods and not given.no_random:
-        motions["best random"] = best_random(test_arm, periods, np.random.default_rng([given.seed, 1]), worst)
-    motions |= {label: other(test_arm, file) for label, file in (text.split("=") for text in given.other)}
-    slow = min_fit_speeds(test_arm.model, test_arm.limits)
+        motions["best random"] = best_random(robot, periods, np.random.default_rng([given.seed, 1]), worst)
+    motions |= {label: other(robot, file) for label, file in (text.split("=") for text in given.other)}
+    slow = min_fit_speeds(robot.model, robot.limits)
     splines = Spline(factor=given.factor) if given.factor else Spline.Settings(rule="torque").build()
     recipe = Recipe(
-        splines, LeastSquares(weights="per_joint"), min_speed=dict(zip(test_arm.limits.joints, slow, strict=True))
+        splines, LeastSquares(weights="per_joint"), min_speed=dict(zip(robot.limits.joints, slow, strict=True))
     )
     if given.draft:
         recipe = Recipe(splines, PhysicallyConsistent(), time_offset="estimate", base_tilt="estimate", terms="auto")
     rows: Row = {}
     for label, path in motions.items():
-        planned = path.states(path.times(test_arm.request.rate))
+        planned = path.states(path.times(robot.request.rate))
         told = expected_accuracy(
-            test_arm.model, test_arm.truth, torque_information(test_arm.model, planned, 1 / sigma**2, slow), basis
+            robot.model, robot.truth, torque_information(robot.model, planned, 1 / sigma**2, slow), basis
         )
         if told.open_parameters:
             raise SystemExit(
                 f"{name}, {label}: {len(told.open_parameters)} base parameters stay open, the first "
                 f"{told.open_parameters[0]}."
             )
-        errors, own = found(test_arm, path, told, given.runs, given.seed, recipe)
+        errors, own = found(robot, path, told, given.runs, given.seed, recipe)
         rows[label] = _row(told, errors, own, size, worst(told)) | {"duration": path.duration}
         print(shown(label, rows[label], basis.leading), flush=True)
     return rows

@@ -117,16 +117,16 @@ class Identify:
         """Identify the arm whose terms are known from one recording."""
         model, _, base = arm()
         result = identify(model, [recording.log], recipe=Recipe(self.smoother, self.estimator))
-        test_estimate = result.estimate
+        raw_estimate = result.estimate
         named = tuple(Parameter(name, "") for name in base.leading)
-        value = base.to_base(test_estimate.value)
+        value = base.to_base(raw_estimate.value)
         return Estimate(
             named,
             value,
             covariance(result, base),
-            test_estimate.determined,
-            test_estimate.residual,
-            test_estimate.notes,
+            raw_estimate.determined,
+            raw_estimate.residual,
+            raw_estimate.notes,
         )
 
 

@@ -179,24 +179,24 @@ def planned(each: Mapping[str, float], most: Mapping[str, int], budget: float | 
 def judged(study: Study, table: pl.DataFrame, scenario: str, level: float, method: str) -> Row:
     """Errors of one cell in standard deviations of the bound, by parameter; coverage; what became of the fits."""
     rows = table.filter((pl.col("scenario") == scenario) & (pl.col("level") == level) & (pl.col("method") == method))
-    test_statistics = statistics(rows, len(study.truth))
-    error = (test_statistics.estimates - study.truth) / study.bound(scenario, level)
-    shares = test_statistics.covered_share(study.truth)
+    summary = statistics(rows, len(study.truth))
+    error = (summary.estimates - study.truth) / study.bound(scenario, level)
+    shares = summary.covered_share(study.truth)
     told = listed if study.each else lambda values: listed(np.sqrt([np.mean(np.square(values))]))
     return {
         "scenario": scenario,
         "level": level,
         "method": method,
         "runs": len(rows),
-        "failed": test_statistics.failed,
-        "unsettled": test_statistics.unsettled,
+        "failed": summary.failed,
+        "unsettled": summary.unsettled,
         "reasons": dict(Counter(kind(x) for x in rows.filter(pl.col("status") == FitOutcome.FAILED)["reason"])),
         "seconds": digits(seconds(rows, method)),
         "rms": told(np.sqrt(np.mean(error**2, axis=0))) if len(error) else [],
         "bias": told(error.mean(axis=0)) if len(error) else [],
         "spread": told(error.std(axis=0, ddof=1)) if len(error) > 1 else [],
         "coverage": listed(shares if study.each else [np.mean(shares)]) if len(error) else [],
-        **(study.more(test_statistics.estimates) if study.more and len(error) else {}),
+        **(study.more(summary.estimates) if study.more and len(error) else {}),
     }
 
 

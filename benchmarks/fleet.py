@@ -311,10 +311,10 @@ def run(folder: Path, workers: int) -> None:
     """Identify all logs by ``dynident fleet``, and print what it found."""
     start = time.perf_counter()
     with WorkerOptions(workers=workers).executor("dynident.apps.fleets.fit") as executor:
-        test_fleet = fleet(folder / "fleet.yaml", folder / "out", executor=executor)
-    failed = test_fleet.rows.filter(pl.col("status") != "ok")
-    print(f"{len(test_fleet.rows)} logs, {len(failed)} failed, {time.perf_counter() - start:.0f} s")
-    print_changes(test_fleet.changes[0])
+        fleet_result = fleet(folder / "fleet.yaml", folder / "out", executor=executor)
+    failed = fleet_result.rows.filter(pl.col("status") != "ok")
+    print(f"{len(fleet_result.rows)} logs, {len(failed)} failed, {time.perf_counter() - start:.0f} s")
+    print_changes(fleet_result.changes[0])
 
 
 if __name__ == "__main__":

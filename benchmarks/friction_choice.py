@@ -115,15 +115,15 @@ def study(name: str, law: str, seed: int, noise: float = NOISE, duration: float 
     rng = np.random.default_rng([3, seed])
     n = len(ARMS[name])
     motions = {role: course(n, rng, speed, duration) for role, speed in (("train", 1.0), ("same", 1.0), ("fast", FAST))}
-    test_arm = arm(name, law, motions["train"], seed)
-    logs = {role: test_arm.record(motion, noise, rng, role) for role, motion in motions.items()}
-    true = {role: test_arm.torque(motion) for role, motion in motions.items()}
-    effects = needed(test_arm, motions["train"], noise)
+    simulated_arm = arm(name, law, motions["train"], seed)
+    logs = {role: simulated_arm.record(motion, noise, rng, role) for role, motion in motions.items()}
+    true = {role: simulated_arm.torque(motion) for role, motion in motions.items()}
+    effects = needed(simulated_arm, motions["train"], noise)
     recipe = Recipe(estimator=PhysicallyConsistent())
     row: Row = {"arm": name, "law": law, "seed": seed}
     for way, how in (("auto", by_defaults), ("oracle", by_oracle)):
         began = time.process_time()
-        result = how(test_arm, [logs["train"]], [logs["same"], logs["fast"]], recipe)
+        result = how(simulated_arm, [logs["train"]], [logs["same"], logs["fast"]], recipe)
         row[f"{way}_s"] = round(time.process_time() - began, 1)
         for log in result.validations:
             keep = log.motion.mask

@@ -99,9 +99,9 @@ def payload() -> str:
 
 def bound() -> str:
     from dynident.apps.bound import bound_page
-    from tests.apps.test_bound import found
+    from tests.apps.test_bound import arm_bound
 
-    return bound_page(found())
+    return bound_page(arm_bound())
 
 
 def servo() -> str:
@@ -235,12 +235,12 @@ def servo_lines() -> Iterator[str]:
 
 def bound_lines() -> Iterator[str]:
     from dynident.apps import bound as module
-    from tests.apps.test_bound import found
+    from tests.apps.test_bound import arm_bound
 
     def show(noun: Any) -> list[str]:
         return [*module.bound_findings(noun), *table_lines([module.bound_table(noun)])]
 
-    yield from sweep(found(), show, (module,), depth=1)
+    yield from sweep(arm_bound(), show, (module,), depth=1)
 
 
 def watch_lines() -> Iterator[str]:

@@ -90,7 +90,10 @@ def check_pages(file: BinaryIO) -> None:
 
 
 def _damaged_pages(file: BinaryIO) -> Iterator[int]:
-    """Yield where pages begin whose head has an impossible size or count; Exceptions are of what is not understood."""
+    """Yield the bytes at which pages begin whose head has an impossible size or count.
+
+    Raises ValueError, IndexError, KeyError or TypeError where the file is not understood.
+    """
     for meta in _column_chunks(footer(file)):
         start = min(at for at in map(meta.get, _PAGE_STARTS) if at)
         stop, largest = start + meta[_CHUNK_SIZE], meta[_COUNT]
@@ -108,7 +111,7 @@ def _damaged_pages(file: BinaryIO) -> Iterator[int]:
 
 
 @lru_cache(maxsize=4096)
-def _check_file(path: Path, size: int, changed: int) -> None:  # noqa: ARG001 - a file that has changed is another one
+def _check_pages_once(path: Path, size: int, changed: int) -> None:  # noqa: ARG001 - a file that has changed is another one
     """Check the pages of a file, once: of a long recording it is read part by part."""
     with open_nonempty(path) as file:
         check_pages(file)
@@ -229,7 +232,7 @@ def read_rows(path: Path, needed: Collection[str] | None, rows: slice) -> DataTa
     """Read some rows of a Parquet file; places are those in the file. Raises as ``read_columns``."""
     with report_damage(path), open_nonempty(path) as file:
         status = os.fstat(file.fileno())
-        _check_file(path, status.st_size, status.st_mtime_ns)
+        _check_pages_once(path, status.st_size, status.st_mtime_ns)
         return _read_columns(file, path, needed, rows, 0)
 
 

@@ -151,13 +151,13 @@ class RowStore:
                 self.add(make_rows(result))
                 report_progress(Step(words, count, len(pending)))
         except KeyboardInterrupt as stop:
-            stop.add_note(self._kept_rows())
+            stop.add_note(self._stop_hint())
             raise
         except InputError as error:
-            raise InputError(f"{error} {self._kept_rows()}") from error
+            raise InputError(f"{error} {self._stop_hint()}") from error
         return len(pending)
 
-    def _kept_rows(self) -> str:
+    def _stop_hint(self) -> str:
         """Return what is kept of work that was stopped, as a sentence."""
         if self.path is None:
             return "No row is kept; name a folder for the results to keep them."

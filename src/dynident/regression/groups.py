@@ -339,8 +339,9 @@ def independent_columns(columns: Array) -> list[int]:
 
 
 def evidence(gain: Array, rank: NDArray[np.intp] | int, dof: float) -> Array:
-    """Return -log P(F > gain / rank) for gains of F with ``rank`` and ``dof`` degrees of freedom; zero for rank
-    0.
+    """Return the evidence -log P(F > gain / rank) (N) of gains (N) by the F distribution; zero for rank 0.
+
+    It has ``rank`` and ``dof`` degrees of freedom (Hotelling, 1931).
     """
     from scipy.special import betainc, betaln
 

@@ -258,13 +258,14 @@ def _motion_settings(
     for package in motion_settings.packages:
         if not os.path.isdir(package):
             raise ConfigError(f"{place}: packages: there is no folder {str(package)!r}.")
-    given = motion_settings.model_fields_set
-    duration = motion_settings.duration if "duration" in given else DURATIONS[motion_settings.program]
+    named_fields = motion_settings.model_fields_set
+    duration = motion_settings.duration if "duration" in named_fields else DURATIONS[motion_settings.program]
     # a default period leaves room for the ways to and from the periodic motion
-    period = motion_settings.period if "period" in given else min(motion_settings.period, MAX_PERIOD_SHARE * duration)
+    capped_period = min(motion_settings.period, MAX_PERIOD_SHARE * duration)
+    period = motion_settings.period if "period" in named_fields else capped_period
     # what nobody gives stays a default in the files that are written
     values = {**dict(motion_settings), "duration": duration, "period": period}
-    return ExcitationSettings.model_construct(given, **values)
+    return ExcitationSettings.model_construct(named_fields, **values)
 
 
 def _start_pose(settings: ExcitationSettings, joints: tuple[str, ...]) -> Array | None:

@@ -132,8 +132,8 @@ def map_columns(
     commands = command_columns(table, usable, position) if torque is None else {}
     torques = _torque_channels(table, identified_joints, torque, ros)
     channels = [*signals.values(), *torques.values()]
-    used = {time.column, *commands.values(), *(channel.column for channel in channels)}
-    unused = tuple(name for name, column in table.columns.items() if name not in used and len(column) == rows)
+    used_columns = {time.column, *commands.values(), *(channel.column for channel in channels)}
+    unused = tuple(name for name, column in table.columns.items() if name not in used_columns and len(column) == rows)
     locked = _lock_positions(table, joints, names, signals)
     positions = (
         (joint.name, signals.get(joint.name, _missing_channel(joint, POSITIONS))) for joint in identified_joints

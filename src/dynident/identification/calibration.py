@@ -270,7 +270,8 @@ def add_chosen_terms(model: Model, recipe: Recipe, preparation: Preparation) -> 
     estimator = recipe.estimator.among((*model.names, *kept_names)) if absent_names else recipe.estimator
     speeds: Mapping[str, float] | float | None = recipe.min_speed
     if speeds is None:
-        speeds = {name: v for name, v in zip(choice.joints, choice.min_speed, strict=True) if v} or None
+        # to three digits: it stands in configurations and controls, where a person reads it
+        speeds = {name: float(f"{v:.3g}") for name, v in zip(choice.joints, choice.min_speed, strict=True) if v} or None
     recipe = replace(recipe, estimator=estimator, min_speed=speeds, terms=None, proposed=())
     absent, plain = (NotChosen(absent_names),) if absent_names else (), () if choice.trials else (PlainTerms(),)
     return ChosenTerms(model, recipe, choice, (*absent, *plain))

@@ -23,7 +23,7 @@ from dynident.apps.payload import (
     PayloadRequest,
     find_payload,
 )
-from dynident.apps.payload.body import physical_components, physical_jacobian
+from dynident.apps.payload.body import mass_bound, physical_components, physical_jacobian
 from dynident.identification import identify
 from dynident.models import smallest_eigenvalue
 from dynident.models.friction import LoadCoulomb
@@ -269,6 +269,11 @@ def test_no_payload_is_said() -> None:
     shift = payload.body.values - physical_components(payload.free)
     np.testing.assert_allclose(payload.body.std**2, np.diag(J @ payload.covariance @ J.T) + shift**2)
     assert smallest_eigenvalue(payload.value) > 0
+
+
+def test_a_mass_on_which_no_torque_depends_is_not_bounded_by_its_prior() -> None:
+    assert mass_bound(0.0, 0.1) == "its mass is 0 ± 0.10 kg, so it is below 0.3 kg"
+    assert "the mass stays unknown" in mass_bound(0.0, 999.0)
 
 
 def test_recordings_of_another_arm_and_results_of_other_terms_are_refused() -> None:

@@ -14,6 +14,7 @@ from dynident.models.robot_files import ArmBody
 from dynident.runtime import ModelError, Note, Noun, Severity, choices, number, number_within, percent, short
 from dynident.runtime.arrays import Array
 
+MAX_MASS = 1e3  # kg: weak prior of the mass
 TYPICAL_LENGTH, MIN_MASS = 0.1, 0.05  # m, kg: the size of a payload, for the scale of its pseudo-inertia
 MIN_EIGENVALUE = 1e-6  # least eigenvalue of the scaled pseudo-inertia
 RELATIVE_STEP = 1e-6
@@ -353,5 +354,7 @@ class SameRecording(Note):
 
 def mass_bound(mass: float, std: float) -> str:
     """Return a mass (kg) with its standard error (kg), and what it is below, in words."""
+    if std >= MAX_MASS / 2:
+        return "the motions turn no joint whose torque depends on its mass, so the mass stays unknown"
     bound = short(max(mass, 0.0) + 3 * std, 2)
     return f"its mass is {number_within(mass, std)} ± {number(std, 2)} kg, so it is below {bound} kg"

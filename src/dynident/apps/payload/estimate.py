@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from dynident.apps.payload.body import Mount
+from dynident.apps.payload.body import MAX_MASS, Mount
 from dynident.identification import Identification
 from dynident.models import Model
 from dynident.regression import BaseParameters, GroupKind, groups_of
@@ -24,7 +24,6 @@ from dynident.runtime.arrays import Array
 
 MAX_PERCENT = 100.0  # %
 MAX_DISTANCE = 5.0  # m: a centre of mass beyond is in mm
-MAX_MASS = 1e3  # kg: weak prior of the mass
 TYPICAL_DISTANCE, MIN_MASS = 0.5, 0.2  # m, kg: a payload is about so near to its frame, and not taken for lighter
 MASS_ERROR, CENTRE_ERROR = 1e-4, 5e-4  # relative error of a known mass; m, of a known centre of mass
 ITERATIONS = 5

@@ -112,7 +112,8 @@ def payload_page(payload: Payload, arm: Identification) -> str:
     """Return a payload as one HTML page."""
     body = payload.body
     mass, std = number_within(body.mass, float(body.std[0])), number(float(body.std[0]), 2)
-    facts: list[tuple[str, ...]] = [("no payload", f"on {payload.mount.frame}", f"its mass is {mass} ± {std} kg")]
+    bound = mass_bound(body.mass, float(body.std[0]))
+    facts: list[tuple[str, ...]] = [("no payload", f"on {payload.mount.frame}", bound)]
     if payload.is_significant:
         distance, error = 1e3 * float(np.linalg.norm(body.centre)), 1e3 * float(body.std[1:4].max())
         facts = [

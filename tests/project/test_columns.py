@@ -57,6 +57,16 @@ NAMES = {  # role, joint, number, unit, rank
     "qfrc_actuator[2]": ("torque", None, 2, None, 0),
     "qfrc_bias[2]": ("torque", None, 2, None, -2),
     "$AXIS_ACT[2]": ("position", None, 2, None, 1),
+    "Motorstrom3": ("current", None, 3, None, 0),
+    "Istwinkel2 [Grad]": ("position", None, 2, "deg", 1),
+    "Sollwinkel2": ("position", None, 2, None, -2),
+    "jointtorque4": ("torque", None, 4, None, 0),
+    "关节1角度 [mrad]": ("position", None, 1, "mrad", 0),
+    "指令位置2": ("position", None, 2, None, -2),
+    "实际电流2": ("current", None, 2, None, 1),
+    "加速度2": ("acceleration", None, 2, None, 0),
+    "时间": ("time", None, None, None, 0),
+    "pos_2 [0.01 deg]": ("position", None, 2, None, 0),
     "vir": ("", None, None, None, 0),
 }
 
@@ -65,6 +75,14 @@ NAMES = {  # role, joint, number, unit, rank
 def test_names_are_read(name):
     test_name = read_name(name, JOINTS)
     assert (test_name.role, test_name.joint, test_name.number, test_name.unit, test_name.rank) == NAMES[name]
+
+
+@pytest.mark.parametrize(
+    ("column", "joint"),
+    [("elbow_pos", "ur_elbow_joint"), ("tau wrist_1", "ur_wrist_1_joint"), ("pos_1", None), ("x_force", None)],
+)
+def test_words_that_all_joints_share_may_be_missing(column, joint):
+    assert read_name(column, ("ur_elbow_joint", "ur_wrist_1_joint", "ur_x_joint")).joint == joint
 
 
 def test_columns_of_one_quantity_are_a_family():

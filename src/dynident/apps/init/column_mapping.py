@@ -245,7 +245,7 @@ def _position_channel(joint: MovableJoint, q: Array, match: Match, degrees: str)
         unit, doubt = "deg", degrees
     else:
         unit, doubt = _si_unit(joint, POSITIONS), _unit_question(joint, q)
-        if not doubt and (stated := stated_unit(column, [joint.name])):
+        if stated := stated_unit(column, [joint.name]):
             doubt = (
                 f"its name says {stated!r}, which is not read as a unit of position: then `gain`, or another `unit`?"
             )

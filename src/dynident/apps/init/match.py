@@ -113,6 +113,7 @@ def _pair_merit(pair: tuple[Match | None, Match | None]) -> tuple[float, ...]:
         len(common),
         sum(match.family.rank for match in matches),
         any(match.family.role == "torque" for match in matches),
+        sum(bool(match.family.units) for match in matches),  # degrees rather than counts
         -sum(bool(match.question) for match in matches),
         pair[0] is not None,
     )
@@ -125,7 +126,7 @@ def _ask_about_rivals(table: DataTable, match: Match | None, candidates: Iterabl
 
     def key(candidate: Match) -> tuple[Any, ...]:
         family, columns = candidate.family, candidate.columns
-        return family.role, family.rank, set(columns), match_length(table, candidate)
+        return family.role, family.rank, bool(family.units), set(columns), match_length(table, candidate)
 
     # rivals are equal in all that the choice was made by, so that the order of the file decided
     others = (candidate for candidate in candidates if candidate is not match and key(candidate) == key(match))

@@ -47,6 +47,12 @@ TEXTS = {
         "t;q;x\n0;[1.  2.5];3\n1;[-2. 3.];4\n",
         {"t": [0, 1], "q[0]": [1, -2], "q[1]": [2.5, 3], "x": [3, 4]},
     ),
+    "a row for each joint": (
+        "t,joint,q\n0,a,1\n0,b,2\n1,a,3\n1,b,4\n",
+        {"t": [0, 1], "a.q": [1, 3], "b.q": [2, 4]},
+    ),
+    "a row for each number": ("t,q,id\n0,5,2\n0,6,1\n1,7,2\n1,8,1\n", {"t": [0, 1], "2.q": [5, 7], "1.q": [6, 8]}),
+    "a bit that toggles": ("t,q,bit\n0,5,1\n1,6,0\n", {"t": [0, 1], "q": [5, 6], "bit": [1, 0]}),
     "seconds and nanoseconds": (
         "header.stamp.sec,header.stamp.nanosec,q\n5,999999999,1\n6,1000000,2\n",
         {"header.stamp.sec": [5.999999999, 6.001], "header.stamp.nanosec": [999999999, 1000000], "q": [1, 2]},

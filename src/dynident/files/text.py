@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -40,8 +40,9 @@ def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  
 
     The separator is ``;``, tab, comma or blanks; a decimal comma is read where it is not the separator. Lines that
     start with # or % are comments, and a title may stand above the names, which may be repeated further below. Lists
-    in cells, such as ``[0.1, 0.2]``, are columns ``name[0]``, ``name[1]``, ... Raises InputError for truncated rows
-    and for ambiguous numbers.
+    in cells, such as ``[0.1, 0.2]``, are columns ``name[0]``, ``name[1]``, ... Rows of one joint each, in a fixed
+    order, become rows of all joints, with columns ``joint.name``. Raises InputError for truncated rows and for
+    ambiguous numbers.
     """
     data, source = nonempty_content(path), str(path)
     afford(_parsing_memory(data), f"{path}: its {len(data) / 1e6:.3g} MB of text would take")
@@ -67,10 +68,14 @@ def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  
     cells, names = _split_cells(rows, separator), _check_distinct(names, source)
     columns, faults, stamps = _parse_cells(cells, names, numbers, source)
     joined_stamps = join_fractions(columns)
+    columns |= joined_stamps
     faulty_cells = {name: cells.gather_every(len(names), k) for k, name in enumerate(names) if name in faults}
     texts = {name: str(column[0]) for name, column in faulty_cells.items() if column.n_unique() == 1}
+    columns, keys = _gather_keys(columns, {name: column.to_numpy() for name, column in faulty_cells.items()})
+    if keys:
+        numbers, faults = numbers[:: len(keys)], {}
     units = dict.fromkeys((*stamps, *joined_stamps), "s")
-    return DataTable(columns | joined_stamps, {}, source, faults, numbers, units=units, texts=texts)
+    return DataTable(columns, {}, source, faults, numbers, units=units, texts=texts)
 
 
 def _parsing_memory(data: bytes) -> int:
@@ -282,6 +287,26 @@ def _parse_cells(
         else:
             columns[name] = table[:, k].copy()
     return columns, faults, tuple(stamps)
+
+
+def _gather_keys(columns: Mapping[str, Array], texts: Mapping[str, Any]) -> tuple[dict[str, Array], list[str]]:
+    """Return columns ``key.name`` with a row for each time where rows are of one key each, such as a joint; and keys.
+
+    A column of texts or numbers repeats the keys in a fixed order, while a column of stamps stays the same.
+    """
+    for key_name, values in {**texts, **columns}.items():
+        n = 1 + int(np.argmax(values[1:] == values[0])) if len(values) > 1 else 1
+        if n == 1 or len(values) % n or (values[n:] != values[:-n]).any() or len(set(values[:n])) < n:
+            continue
+        blocks = {name: column.reshape(-1, n) for name, column in columns.items() if name != key_name}
+        alike = {name for name, block in blocks.items() if (block == block[:, :1]).all()}
+        if any((np.diff(blocks[name][:, 0]) > 0).all() for name in alike):
+            keys = [key if isinstance(key, str) else f"{key:g}" for key in values[:n]]
+            by_key = {
+                f"{key}.{x}": blocks[x][:, k].copy() for k, key in enumerate(keys) for x in blocks if x not in alike
+            }
+            return {x: blocks[x][:, 0].copy() for x in blocks if x in alike} | by_key, keys
+    return dict(columns), []
 
 
 def _stamp_column(cells: pl.Series) -> Array | None:

@@ -31,8 +31,8 @@ TEXTS = {
     "an unnamed first column": (",q\n0,1\n", {"0": [0], "q": [1]}),
     "missing cells": ("t,q\n0,\n1,NaN\n2,NA\n3,inf\n", {"t": [0, 1, 2, 3], "q": [np.nan, np.nan, np.nan, np.inf]}),
     "units below the names": (
-        "t;q;n\n[s];deg;-\n0;1.5;2\n1;2;3\n",
-        {"t [s]": [0, 1], "q [deg]": [1.5, 2], "n": [2, 3]},
+        "t;q;n;m\n[s];deg;-;[0.1 %]\n0;1.5;2;4\n1;2;3;5\n",
+        {"t [s]": [0, 1], "q [deg]": [1.5, 2], "n": [2, 3], "m [0.1 %]": [4, 5]},
     ),
     "a title": (
         "Robot: IRB 1200, No. 17\nTest signals\nSampling\t4 ms\nt\tq\tn\n[s]\tdeg\t-\n0\t1.5\t2\n1\t2\t3\n",

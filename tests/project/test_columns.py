@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynident.project.columns import families, read_name, tokens
+from dynident.project.columns import families, read_name, stated_unit, tokens
 
 JOINTS = ("joint_1", "joint_2", "joint_10", "elbow")
 NAMES = {  # role, joint, number, unit, rank
@@ -67,6 +67,7 @@ NAMES = {  # role, joint, number, unit, rank
     "加速度2": ("acceleration", None, 2, None, 0),
     "时间": ("time", None, None, None, 0),
     "pos_2 [0.01 deg]": ("position", None, 2, None, 0),
+    "Istposition A2 [1e-4 Grad]": ("position", None, 2, None, 1),
     "vir": ("", None, None, None, 0),
 }
 
@@ -83,6 +84,13 @@ def test_names_are_read(name):
 )
 def test_words_that_all_joints_share_may_be_missing(column, joint):
     assert read_name(column, ("ur_elbow_joint", "ur_wrist_1_joint", "ur_x_joint")).joint == joint
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"), [("pos 4 [1e-4 Grad]", "1e-4 Grad"), ("t_1 [0.1 %]", "0.1 %"), ("q[elbow]", ""), ("q[4]", "")]
+)
+def test_a_unit_in_brackets_is_stated_whatever_the_joints_are_called(column, unit):
+    assert stated_unit(column, ("elbow", "axis4", "joint_1")) == unit
 
 
 def test_columns_of_one_quantity_are_a_family():

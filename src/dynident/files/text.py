@@ -26,7 +26,8 @@ _STDERR_LOCK = Lock()  # the descriptors belong to all threads
 
 _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
 _UNIT_CELL = re.compile(
-    r"-|[\[(][^\d\])]{0,12}[\])]|(?!(?i:nan?|null|none|inf)$)[^\W\d_][\w/^*·%°²-]{0,11}|[%°µ]\w{0,3}"
+    r"-|[\[(](?:\d[\d.,e-]* ?(?=[^\W\d]|[%°]))?[^\d\])]{0,12}[\])]"
+    r"|(?!(?i:nan?|null|none|inf)$)[^\W\d_][\w/^*·%°²-]{0,11}|[%°µ]\w{0,3}"
 )
 _LINE_ENDS = list(b"\n\r\v\f\x1c\x1d\x1e\x85\xa8\xa9")  # bytes that end a line, in any encoding
 _SEPARATORS = list(b",;\t ")

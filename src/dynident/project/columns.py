@@ -42,7 +42,7 @@ _UNIT_ROLES = {  # units that tell the role too
 _UNIT = re.compile(
     r"[\[(]\s*(?P<bracket>[^\W\d][^\])\d]*|[°%])\s*[\])]|(?<=[\W_])(?P<tail>[^\W\d_]+|[°%])(?=[\W_]*\d*[\W_]*$)"
 )
-_FACTOR = r"\d+(?:[.,]\d+)?\s*"  # of a unit, as in [0.01 deg]
+_FACTOR = r"\d+(?:[.,]\d+)?(?:e-?\d+)?\s*"  # of a unit, as in [0.01 deg]
 _STATED = re.compile(rf"\[\s*((?:{_FACTOR})?[^\]\d]+?)\s*\]|(%|percent)", re.IGNORECASE)
 _FACTOR_AND_UNIT = re.compile(rf"[\[(]\s*{_FACTOR}(?:[^\W\d]|[°%])[^\])\d]*[\])]")
 _COMPOUND_NOUNS = (  # that end words such as Motorstrom, Istwinkel, jointtorque, 关节角度
@@ -253,7 +253,7 @@ def _unit_in_name(column: str) -> tuple[str, tuple[str, ...]]:
 
 def stated_unit(column: str, joints: Iterable[str]) -> str:
     """Return what a name has in square brackets but a joint, be it a known unit or not, or its per cent; else empty."""
-    words = {word for joint in joints for word in tokens(joint)}
+    words = {word for joint in joints for word in tokens(joint) if not word.isdecimal()}
     texts = [first or second for first, second in _STATED.findall(column)]
     return next((text for text in reversed(texts) if not set(tokens(text)) & words), "")
 

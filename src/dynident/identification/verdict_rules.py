@@ -160,15 +160,21 @@ def _split_causes(reasons: Sequence[Reason]) -> tuple[tuple[Reason, ...], tuple[
 def _order_actions(
     against_use: Sequence[Reason], against_simulation: Sequence[Reason], steps: Sequence[UnexcitedParameters | NextStep]
 ) -> Iterator[Remedy | UnexcitedParameters | NextStep]:
-    """Yield what to do: corrections of what was found, remedies, then motions to record.
+    """Yield what to do: remedies, then motions to record.
 
-    A fault spoils the next recording, too. Remedies for a simulation come last where the model is of no use.
+    Remedies for a simulation come last where the model is of no use. What was found comes before the advice to look
+    for it, to record more of the same, or to simulate.
     """
     remedies, later_remedies = (
         [reason.remedy for reason in reasons if reason.remedy] for reasons in (against_use, against_simulation)
     )
-    yield from (step for step in steps if isinstance(step, SetRight))
-    yield from [*remedies, *steps, *later_remedies] if against_use else [*later_remedies, *steps]
+    actions = [*remedies, *steps, *later_remedies] if against_use else [*later_remedies, *steps]
+    corrections = [step for step in steps if isinstance(step, SetRight)]
+    later = [action for action in actions if action in (Remedy.CHECK, Remedy.LONGER_TRAINING, Remedy.SIMULATE)]
+    if later and corrections:
+        k = actions.index(later[0])
+        actions[k:k] = corrections
+    yield from actions
 
 
 def _finding_reasons(identification: Identification, use: Use) -> Iterator[Reason]:

@@ -75,8 +75,8 @@ def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  
     columns, keys = _gather_keys(columns, {name: column.to_numpy() for name, column in faulty_cells.items()})
     if keys:
         numbers, faults = numbers[:: len(keys)], {}
-    units = dict.fromkeys((*stamps, *joined_stamps), "s")
-    return DataTable(columns, {}, source, faults, numbers, units=units, texts=texts)
+    stamp_units = dict.fromkeys((*stamps, *joined_stamps), "s")
+    return DataTable(columns, {}, source, faults, numbers, units=stamp_units, texts=texts)
 
 
 def _parsing_memory(data: bytes) -> int:

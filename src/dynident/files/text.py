@@ -301,7 +301,7 @@ def _gather_keys(columns: Mapping[str, Array], texts: Mapping[str, Any]) -> tupl
             continue
         blocks = {name: column.reshape(-1, n) for name, column in columns.items() if name != key_name}
         alike = {name for name, block in blocks.items() if (block == block[:, :1]).all()}
-        if any((np.diff(blocks[name][:, 0]) > 0).all() for name in alike):
+        if any((blocks[name][1:, 0] > blocks[name][:-1, 0]).all() for name in alike):
             keys = [key if isinstance(key, str) else f"{key:g}" for key in values[:n]]
             by_key = {
                 f"{key}.{x}": blocks[x][:, k].copy() for k, key in enumerate(keys) for x in blocks if x not in alike

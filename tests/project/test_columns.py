@@ -66,8 +66,10 @@ NAMES = {  # role, joint, number, unit, rank
     "实际电流2": ("current", None, 2, None, 1),
     "加速度2": ("acceleration", None, 2, None, 0),
     "时间": ("time", None, None, None, 0),
-    "pos_2 [0.01 deg]": ("position", None, 2, None, 0),
-    "Istposition A2 [1e-4 Grad]": ("position", None, 2, None, 1),
+    "pos_2 [0.01 deg]": ("position", None, 2, "0.01 deg", 0),
+    "Istposition A2 [1e-4 Grad]": ("position", None, 2, "1e-4 deg", 1),
+    "Winkel_2 (0,01 Grad)": ("position", None, 2, "0.01 deg", 0),
+    "trq_2 [0.1%]": ("torque", None, 2, None, 0),
     "vir": ("", None, None, None, 0),
 }
 

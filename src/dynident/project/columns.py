@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from dynident.project.fields import UNITS
+from dynident.project.fields import FACTOR, UNITS
 
 _UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower case, and its name in a configuration
     "time": {
@@ -42,9 +42,8 @@ _UNIT_ROLES = {  # units that tell the role too
 _UNIT = re.compile(
     r"[\[(]\s*(?P<bracket>[^\W\d][^\])\d]*|[°%])\s*[\])]|(?<=[\W_])(?P<tail>[^\W\d_]+|[°%])(?=[\W_]*\d*[\W_]*$)"
 )
-_FACTOR = r"\d+(?:[.,]\d+)?(?:e-?\d+)?\s*"  # of a unit, as in [0.01 deg]
-_STATED = re.compile(rf"\[\s*((?:{_FACTOR})?[^\]\d]+?)\s*\]|(%|percent)", re.IGNORECASE)
-_FACTOR_AND_UNIT = re.compile(rf"[\[(]\s*{_FACTOR}(?:[^\W\d]|[°%])[^\])\d]*[\])]")
+_STATED = re.compile(rf"\[\s*((?:{FACTOR}\s*)?[^\]\d]+?)\s*\]|(%|percent)", re.IGNORECASE)
+_FACTOR_AND_UNIT = re.compile(rf"([\[(])\s*({FACTOR})\s*((?:[^\W\d]|[°%])[^\])\d]*[\])])")
 _COMPOUND_NOUNS = (  # that end words such as Motorstrom, Istwinkel, jointtorque, 关节角度
     "angle position velocity speed acceleration torque effort current winkel geschwindigkeit drehzahl beschleunigung "
     "moment kraft strom zeit 角度 位置 速度 加速度 力矩 扭矩 转矩 电流 时间"
@@ -126,7 +125,8 @@ def tokens(name: str) -> tuple[str, ...]:
 
 def read_name(column: str, joints: Iterable[str]) -> ColumnName:
     """Parse a column's name, given the names of the robot's joints."""
-    text = _FACTOR_AND_UNIT.sub(" ", column)  # such a unit is no unit that is known, and its number none of a joint
+    factor = _FACTOR_AND_UNIT.search(column)
+    text = _FACTOR_AND_UNIT.sub(r"\1\3", column)  # the number is none of a joint
     words = tokens(text)
     # the joint is taken out first: its name may contain words such as torque or position
     joint, remaining = _take_joint(words, joints)
@@ -143,6 +143,7 @@ def read_name(column: str, joints: Iterable[str]) -> ColumnName:
     unit = _UNITS.get(role, {}).get(unit_spelling)
     if unit:
         remaining = _remove_words(remaining, unit_words)
+        unit = f"{factor[2].replace(',', '.')} {unit}" if factor else unit
     number, remaining = _take_number(remaining) if joint is None else (None, remaining)
     return ColumnName(column, role, joint, number, unit, (*remaining, unit or ""), _measurement_rank(set(remaining)))
 

@@ -49,6 +49,15 @@ def test_a_right_log_has_none() -> None:
     assert found() == []
 
 
+def test_torques_of_joints_that_rest_while_another_moves_are_no_exchanged_columns() -> None:
+    """They are constant, so that any joint explains them by its offset; the friction of each is not of the model."""
+    moves = np.repeat(np.eye(3), len(MOVED.t) // 3 + 1, axis=0)[: len(MOVED.t)]
+    model, states = arm(), (moves * MOVED.q, moves * MOVED.dq, moves * MOVED.ddq)
+    jitter = 1e-4 * np.random.default_rng(0).standard_normal(MOVED.q.shape)
+    tau = model.torque(*states, truth(model)) + 1.5 * np.sin(40 * states[0])
+    assert found(replace(MOVED, q=states[0], dq=states[1] + jitter, ddq=states[2], tau=tau)) == []
+
+
 @pytest.mark.parametrize("channel", AffectedColumns)
 def test_columns_of_two_joints_that_are_exchanged(channel: AffectedColumns) -> None:
     (entry,) = found(changed(channel, lambda x: x[:, ORDER]))

@@ -19,7 +19,7 @@ from dynident.checks.missing import (
     mean_square,
     with_missing,
 )
-from dynident.checks.robot_notes import MissingTerm, TermKind
+from dynident.checks.robot_notes import LeftAtReversals, MissingTerm, TermKind
 from dynident.checks.suspects import find_ripple
 from dynident.identification.terms import TermChoice, TermTrial, TrialOutcome, library_kinds
 from dynident.models import Model
@@ -161,6 +161,12 @@ def test_an_effect_that_a_choice_has_tried_on_that_joint_is_known(
     trial = TermTrial(joint, kind, (), gain, std, outcome)
     assert is_tried_effect(finding, TermChoice(("j1", "j2"), (), (trial,), (), (), ())) is is_tried
     assert is_tried_effect(finding)
+
+
+def test_what_is_left_at_reversals_is_open_until_a_choice_has_tried_friction_that_builds_up() -> None:
+    finding = Finding(LeftAtReversals(37.0, 0.45), "j1")
+    assert is_tried_effect(finding)
+    assert not is_tried_effect(finding, TermChoice(("j1", "j2"), (), (), (), (), ()))
 
 
 def test_the_kinds_of_a_choice_that_stand_for_effects_exist() -> None:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynident.files.text import is_stamp, parse_stamps, seconds
+from dynident.files.stamps import is_stamp, parse_stamps, seconds
 
 NOON = 12 * 3600.0
 

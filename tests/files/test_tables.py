@@ -31,12 +31,31 @@ TEXTS = {
     "an unnamed first column": (",q\n0,1\n", {"0": [0], "q": [1]}),
     "missing cells": ("t,q\n0,\n1,NaN\n2,NA\n3,inf\n", {"t": [0, 1, 2, 3], "q": [np.nan, np.nan, np.nan, np.inf]}),
     "units below the names": (
-        "t;q;n\n[s];deg;-\n0;1.5;2\n1;2;3\n",
-        {"t [s]": [0, 1], "q [deg]": [1.5, 2], "n": [2, 3]},
+        "t;q;n;m\n[s];deg;-;[0.1 %]\n0;1.5;2;4\n1;2;3;5\n",
+        {"t [s]": [0, 1], "q [deg]": [1.5, 2], "n": [2, 3], "m [0.1 %]": [4, 5]},
     ),
     "a title": (
         "Robot: IRB 1200, No. 17\nTest signals\nSampling\t4 ms\nt\tq\tn\n[s]\tdeg\t-\n0\t1.5\t2\n1\t2\t3\n",
         {"t [s]": [0, 1], "q [deg]": [1.5, 2], "n": [2, 3]},
+    ),
+    "a header written again": ("t,q\ns,deg\n0,1\nt,q\ns,deg\n1,2\n", {"t [s]": [0, 1], "q [deg]": [1, 2]}),
+    "lists in cells": (
+        "t,name,q,effort\n0,\"['a', 'b']\",\"[1, 2.5]\",[]\n1,\"['a', 'b']\",\"[2, 3]\",[]\n",
+        {"t": [0, 1], "q[0]": [1, 2], "q[1]": [2.5, 3], "effort[0]": [np.nan, np.nan]},
+    ),
+    "lists of NumPy": (
+        "t;q;x\n0;[1.  2.5];3\n1;[-2. 3.];4\n",
+        {"t": [0, 1], "q[0]": [1, -2], "q[1]": [2.5, 3], "x": [3, 4]},
+    ),
+    "a row for each joint": (
+        "t,joint,q\n0,a,1\n0,b,2\n1,a,3\n1,b,4\n",
+        {"t": [0, 1], "a.q": [1, 3], "b.q": [2, 4]},
+    ),
+    "a row for each number": ("t,q,id\n0,5,2\n0,6,1\n1,7,2\n1,8,1\n", {"t": [0, 1], "2.q": [5, 7], "1.q": [6, 8]}),
+    "a bit that toggles": ("t,q,bit\n0,5,1\n1,6,0\n", {"t": [0, 1], "q": [5, 6], "bit": [1, 0]}),
+    "seconds and nanoseconds": (
+        "header.stamp.sec,header.stamp.nanosec,q\n5,999999999,1\n6,1000000,2\n",
+        {"header.stamp.sec": [5.999999999, 6.001], "header.stamp.nanosec": [999999999, 1000000], "q": [1, 2]},
     ),
     "an empty column": ("t,q\n0,\n1,\n", {"t": [0, 1], "q": [np.nan, np.nan]}),
 }
@@ -112,11 +131,7 @@ DAMAGED = {
     "cut off": ("a.csv", b"t,q,tau\n0,1,2\n1,2", ("line 3 has 2 fields where 3 are expected", "cut off: delete")),
     "short row": ("a.csv", b"t,q\n0,1\n1\n2,3\n", ("line 3 has 1 field where 2", "Complete or delete")),
     "decimal comma": ("a.csv", b"t,q\n0,5,1,5\n", ("line 2 has 4 fields where 2", "separate the columns with ';'")),
-    "list in a cell": (
-        "a.csv",
-        b't,q\n0,"[1, 2]"\n1,"[2, 3]"\n',
-        ("line 2 has 3 fields where 2", "A cell holds a list"),
-    ),
+    "lists of two lengths": ("a.csv", b't,q\n0,"[1, 2]"\n1,"[2]"\n', ("line 3 has 2 fields where 3",)),
     "title": (
         "a.csv",
         b"Log of Monday\n0,1\n1,2\n",
@@ -126,6 +141,7 @@ DAMAGED = {
     "binary": ("a.csv", b"t,q\n\0\1", ("not a text but a binary file",)),
     "one name twice": ("a.csv", b"t,q,t\n0,1,2\n", ("columns 1 and 3 are both named 't'",)),
     "extension": ("a.xlsx", b"PK", ("'.xlsx' cannot be read", "'.csv'", "'.mat'")),
+    "packed": ("a.csv.gz", b"\x1f\x8b", ("'.gz' cannot be read; unpack it first",)),
     "parquet": ("a.parquet", b"PAR1 nothing PAR1", ("not a readable .parquet file",)),
     "npz": ("a.npz", b"PK nothing", ("not a readable .npz file",)),
     "npz cut off": ("a.npz", npz(t=np.arange(100))[:300], ("not a readable .npz file",)),

@@ -96,6 +96,7 @@ def test_an_error_is_harmless_where_it_is_small_beside_what_the_joint_can_exert(
     weak = judged(40.0, 0.049 * largest)
     assert weak.use is Use.CONTROL
     assert weak.reasons == (why.WeakJoints("two", (("shoulder", 40.0, 0.049 * largest),)),)
+    assert Remedy.LONGER_TRAINING not in weak.next
     # the effort limit of the robot file decides where there is one
     assert judged(40.0, 0.2 * largest, effort_share={"shoulder": 2.99}).use is Use.CONTROL
     assert harmful in judged(40.0, 0.01 * largest, effort_share={"shoulder": 3.0}).reasons

@@ -107,10 +107,13 @@ class Advice(Note):
     advises = True
 
 
-def test_what_was_found_is_advised_before_looking_for_it(good: Identification) -> None:
-    large = with_errors(good.validations[1], relative_error=30.0)
+@pytest.mark.parametrize(("error", "remedy"), [(30.0, Remedy.CHECK), (8.0, Remedy.LONGER_TRAINING)])
+def test_what_was_found_is_advised_before_looking_for_it_or_recording(
+    good: Identification, error: float, remedy: Remedy
+) -> None:
+    large = with_errors(good.validations[1], relative_error=error)
     verdict = judge(replace(good, warnings=(Finding(Advice()),), validations=(good.validations[0], large)))
-    assert verdict.next[:2] == (SetRight(Finding(Advice())), Remedy.CHECK)
+    assert verdict.next[:2] == (SetRight(Finding(Advice())), remedy)
 
 
 def test_a_note_of_the_estimate_may_forbid_a_use_too(good: Identification) -> None:

@@ -1,6 +1,5 @@
 """Robot files: what is read of them, and what is refused."""
 
-import re
 import subprocess
 import sys
 
@@ -97,14 +96,10 @@ def test_a_joint_of_an_unknown_master_matters_only_where_it_moves():
     assert len(RigidBodies(text, locked={"follower": 0.1}).joints) == 2
 
 
-def test_a_base_that_floats_is_taken_as_fixed_and_that_is_said():
+def test_a_base_that_floats_is_taken_as_fixed():
     text = urdf(link("world"), link("trunk", 3.0), link("leg", 1.0), joint("root", "floating", "world", "trunk"),
                 joint("hip", "revolute", "trunk", "leg"))  # fmt: skip
-    term = RigidBodies(text, source="dog.urdf")
-    assert [j.name for j in term.joints] == ["hip"]
-    assert term.notes == (
-        "dog.urdf: the robot floats by 'root', but only a fixed base is supported: it is taken as fixed.",
-    )
+    assert [j.name for j in RigidBodies(text).joints] == ["hip"]
 
 
 def test_several_limbs_of_a_heavy_base_are_said():
@@ -143,24 +138,6 @@ def test_unknown_inertia_is_not_zero():
     assert shaped.notes == ("robot: body 'wrist': its inertia follows from meshes that were not found.",)
     bare = RigidBodies(ARM_MJCF.replace(inertial, ""))
     assert [p.value for p in bare.parameters[20:]] == [0.0] * 10
-    assert bare.notes == ("robot: body 'wrist': the file gives no inertia.",)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "note"),
-    [
-        ('value="2.0"', 'value="-2.0"', "body 'upper': negative mass -2 kg"),
-        ('ixx="0.003"', 'ixx="0.3"', "body 'wrist': principal moments .* break the triangle inequality"),
-        ('ixx="0.003"', 'ixx="-0.3"', "body 'wrist': negative principal moment"),
-    ],
-)
-def test_implausible_inertias_are_noted(old, new, note):
-    """They are only nominal: no error, and a regressor as good as ever."""
-    term, state = RigidBodies(ARM.replace(old, new), source="arm.urdf"), np.ones((1, 3))
-    (test_note,) = term.notes
-    assert test_note.startswith("arm.urdf: ")
-    assert re.search(note, test_note)
-    np.testing.assert_array_equal(term.regressor(*[state] * 3), RigidBodies(ARM).regressor(*[state] * 3))
 
 
 def test_merged_inertias_are_exact_even_where_masses_cancel():
@@ -173,14 +150,13 @@ def test_merged_inertias_are_exact_even_where_masses_cancel():
 
 
 def test_what_an_mjcf_holds_besides_is_noted():
-    text = ARM_MJCF.replace("<default>", '<option gravity="0 0 -1.62" density="1.2"/><default>', 1)
+    text = ARM_MJCF.replace("<default>", '<option density="1.2"/><default>', 1)
     text = text.replace('<body name="slide"', '<body gravcomp="1" name="slide"')
     belt = '<tendon><spatial name="belt"><site site="a"/><site site="b"/></spatial></tendon>'
     text = text.replace("</worldbody>", f'<site name="a"/><site name="b" pos="0 0 1"/></worldbody>{belt}')
     notes = " ".join(RigidBodies(text).notes)
-    for words in ("density = '1.2'", "compensation of slide", "'belt'", "(0.0, 0.0, -1.62)"):
+    for words in ("density = '1.2'", "compensation of slide", "'belt'"):
         assert words in notes
-    assert RigidBodies(text, gravity=(0, 0, -1.62)).notes[-1] != RigidBodies(text).notes[-1]
 
 
 def test_constraints_among_locked_joints_are_no_loops():

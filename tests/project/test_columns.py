@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynident.project.columns import families, read_name, tokens
+from dynident.project.columns import families, read_name, stated_unit, tokens
 
 JOINTS = ("joint_1", "joint_2", "joint_10", "elbow")
 NAMES = {  # role, joint, number, unit, rank
@@ -57,6 +57,19 @@ NAMES = {  # role, joint, number, unit, rank
     "qfrc_actuator[2]": ("torque", None, 2, None, 0),
     "qfrc_bias[2]": ("torque", None, 2, None, -2),
     "$AXIS_ACT[2]": ("position", None, 2, None, 1),
+    "Motorstrom3": ("current", None, 3, None, 0),
+    "Istwinkel2 [Grad]": ("position", None, 2, "deg", 1),
+    "Sollwinkel2": ("position", None, 2, None, -2),
+    "jointtorque4": ("torque", None, 4, None, 0),
+    "关节1角度 [mrad]": ("position", None, 1, "mrad", 0),
+    "指令位置2": ("position", None, 2, None, -2),
+    "实际电流2": ("current", None, 2, None, 1),
+    "加速度2": ("acceleration", None, 2, None, 0),
+    "时间": ("time", None, None, None, 0),
+    "pos_2 [0.01 deg]": ("position", None, 2, "0.01 deg", 0),
+    "Istposition A2 [1e-4 Grad]": ("position", None, 2, "1e-4 deg", 1),
+    "Winkel_2 (0,01 Grad)": ("position", None, 2, "0.01 deg", 0),
+    "trq_2 [0.1%]": ("torque", None, 2, None, 0),
     "vir": ("", None, None, None, 0),
 }
 
@@ -65,6 +78,21 @@ NAMES = {  # role, joint, number, unit, rank
 def test_names_are_read(name):
     test_name = read_name(name, JOINTS)
     assert (test_name.role, test_name.joint, test_name.number, test_name.unit, test_name.rank) == NAMES[name]
+
+
+@pytest.mark.parametrize(
+    ("column", "joint"),
+    [("elbow_pos", "ur_elbow_joint"), ("tau wrist_1", "ur_wrist_1_joint"), ("pos_1", None), ("x_force", None)],
+)
+def test_words_that_all_joints_share_may_be_missing(column, joint):
+    assert read_name(column, ("ur_elbow_joint", "ur_wrist_1_joint", "ur_x_joint")).joint == joint
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"), [("pos 4 [1e-4 Grad]", "1e-4 Grad"), ("t_1 [0.1 %]", "0.1 %"), ("q[elbow]", ""), ("q[4]", "")]
+)
+def test_a_unit_in_brackets_is_stated_whatever_the_joints_are_called(column, unit):
+    assert stated_unit(column, ("elbow", "axis4", "joint_1")) == unit
 
 
 def test_columns_of_one_quantity_are_a_family():

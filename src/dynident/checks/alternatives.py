@@ -23,6 +23,7 @@ from dynident.runtime.arrays import Array
 
 MIN_ERROR_TO_TRY = 0.02  # relative error of the torque from which something else is tried
 MAX_ERROR_RATIO = 0.5  # times the error as given: a better alternative is below
+MIN_CHANGE = 1e-3  # share of the torque: smaller changes leave nothing to explain
 MAX_TIE_RATIO = 1.02  # times the least error: alternatives up to here fit as well
 NORMAL_EQUATIONS_SLACK = 1.05  # times an error: the normal equations have only half of the digits
 RIDGE_SHARE = 1e-13  # of their diagonal, so that they can be solved
@@ -52,9 +53,12 @@ def better_alternative(case: FitCase) -> Iterator[Finding]:
     if before < MIN_ERROR_TO_TRY:
         return
     # screen by the normal equations first: a full fit of every alternative would take minutes
+    plausible = _plausible_alternatives(case, _alternatives(case), MAX_ERROR_RATIO * MAX_TIE_RATIO * before)
+    unexplained_share = _unexplained_share(case)
     trials = [
         (_relative_error(alternative.case), alternative)
-        for alternative in _plausible_alternatives(case, _alternatives(case), MAX_ERROR_RATIO * MAX_TIE_RATIO * before)
+        for alternative in plausible
+        if _unexplained_share(alternative.case) < unexplained_share
     ]
     min_error = min((error for error, _ in trials), default=before)
     # an alternative must be much better than the case as given, and better than simple terms that the model may lack
@@ -65,9 +69,28 @@ def better_alternative(case: FitCase) -> Iterator[Finding]:
 
 def _relative_error(case: FitCase) -> float:
     """Return the root mean square of the relative errors of the joints' torques, with equal weights."""
-    size = np.asarray(np.linalg.norm(case.tau, axis=0), dtype=float)
-    weight = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
+    size, weight = _size_and_weight(case)
     return float(np.sqrt(misfit(case, weight).size / max(int(np.count_nonzero(size)), 1)))
+
+
+def _unexplained_share(case: FitCase) -> float:
+    """Return the share of the squared changes of the torques that is not explained, the mean of all joints.
+
+    Where joints move one after another, the torque of one that rests is hardly more than an offset, which any joint
+    explains: this is no small error, as there are hardly any changes.
+    """
+    size, weight = _size_and_weight(case)
+    mean = np.sum(case.tau, axis=0, where=case.keep) / np.maximum(case.keep.sum(axis=0), 1)
+    changes = np.where(case.keep, case.tau - mean, 0.0)
+    floor = np.square(MIN_CHANGE * np.where(size > 0, size, 1.0))
+    squares = [np.square(x).sum(axis=0) + floor for x in (misfit(case, weight).unweighted, changes)]
+    return float(np.mean(squares[0] / squares[1]))
+
+
+def _size_and_weight(case: FitCase) -> tuple[Array, Array]:
+    """Return the norm (n) of each joint's torque, and one over it, 0 for a torque of zero."""
+    size = np.asarray(np.linalg.norm(case.tau, axis=0), dtype=float)
+    return size, np.divide(1.0, size, out=np.zeros(len(size)), where=size > 0)
 
 
 def _with_plain_terms(case: FitCase) -> FitCase:

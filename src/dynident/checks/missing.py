@@ -184,10 +184,10 @@ def is_tried_effect(finding: Finding, choice: TermChoice | None = None) -> bool:
     """Return whether a finding is an effect that a choice of terms has tried on that joint.
 
     It entered there, or was rejected by samples kept aside: what gains much there, but within its error, is open.
-    Without a choice, return whether one would try it.
+    Without a choice, return whether one would try it, as it tries all friction that builds up gradually.
     """
     if not isinstance(finding.message, MissingTerm) or finding.joint is None:
-        return False
+        return choice is None and isinstance(finding.message, LeftAtReversals)
     kinds = TRIED_KINDS.get(finding.message.effect, set())
     if choice is None:
         return bool(kinds)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from dynident.files.opener import afford
+from dynident.files.stamps import parse_stamps, seconds
 from dynident.files.tables import (
     DataTable,
     is_divided,
@@ -28,7 +29,7 @@ from dynident.files.tables import (
     recording_parts,
     report_damage,
 )
-from dynident.files.text import call_polars, parse_stamps, seconds
+from dynident.files.text import call_polars
 from dynident.runtime.arrays import Array
 
 if TYPE_CHECKING:

@@ -24,6 +24,7 @@ from dynident.runtime.families import READERS
 
 PARQUET, BAG_FOLDER, DATA_SET = ".parquet", ".db3", "lerobot"  # the kinds of folders
 INFO_FILE = Path("meta", "info.json")  # of a LeRobot data set
+_PACKED = (".gz", ".zip", ".bz2", ".xz", ".zst", ".7z", ".tar", ".tgz")
 DAY = 86_400  # s
 
 
@@ -198,7 +199,8 @@ def _find_reader(path: Path, kind: str) -> Callable[..., DataTable]:
         kind = PARQUET if is_parts else BAG_FOLDER
     if kind not in READERS.table and kind not in READERS.kinds():
         suffixes = [suffix for suffix in READERS.kinds() if suffix != DATA_SET]
-        raise InputError(f"{path}: files of type {kind!r} cannot be read; {choices(kind, suffixes)}")
+        remedy = "unpack it first." if kind in _PACKED else choices(kind, suffixes)
+        raise InputError(f"{path}: files of type {kind!r} cannot be read; {remedy}")
     reader: Callable[..., DataTable] = READERS.get(kind)
     return reader if kind in READERS.table else partial(_call_external, reader)
 

@@ -4,35 +4,30 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from dynident.files.opener import afford
-from dynident.files.tables import DAY, DataTable, nonempty_content
+from dynident.files.stamps import is_stamp, join_fractions, parse_stamps
+from dynident.files.tables import DataTable, nonempty_content
 from dynident.runtime import InputError
 from dynident.runtime.arrays import Array
 
 if TYPE_CHECKING:
     import polars as pl
 
-_STAMP = (
-    r"^(?P<date>\d{4}[-/]\d{2}[-/]\d{2}|\d{2}\.\d{2}\.\d{4})[Tt ]\s*"
-    r"(?P<h>[01]\d|2[0-3]):(?P<m>[0-5]\d)(:(?P<s>[0-5]\d|60)([.,](?P<f>\d+))?)?"
-    r"\s*(?P<zone>Z|z|UTC|(?P<sign>[+-])(?P<zh>\d{2}):?(?P<zm>[0-5]\d)?)?$"
-)
-_TIME_OF_DAY = r"^\d{2}:\d{2}:\d{2}([.,]\d+)?$"
-
 T = TypeVar("T")
 _STDERR_LOCK = Lock()  # the descriptors belong to all threads
 
 _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
 _UNIT_CELL = re.compile(
-    r"-|[\[(][^\d\])]{0,12}[\])]|(?!(?i:nan?|null|none|inf)$)[^\W\d_][\w/^*·%°²-]{0,11}|[%°µ]\w{0,3}"
+    r"-|[\[(](?:\d[\d.,e-]* ?(?=[^\W\d]|[%°]))?[^\d\])]{0,12}[\])]"
+    r"|(?!(?i:nan?|null|none|inf)$)[^\W\d_][\w/^*·%°²-]{0,11}|[%°µ]\w{0,3}"
 )
 _LINE_ENDS = list(b"\n\r\v\f\x1c\x1d\x1e\x85\xa8\xa9")  # bytes that end a line, in any encoding
 _SEPARATORS = list(b",;\t ")
@@ -41,84 +36,14 @@ MAX_TITLE_LINES = 50  # above the names of the columns
 _MISSING = ("", "na", "n/a", "null", "none", "nan", "-nan")  # missing values, in lower case
 
 
-def is_stamp(text: str) -> bool:
-    """Return whether a text is a date with a time of day, or a time of day with its seconds."""
-    return re.match(_STAMP, text) is not None or re.match(_TIME_OF_DAY, text) is not None
-
-
-def iso_stamp(text: str) -> str:
-    """Return a stamp as ISO 8601 has it: a time of day on the first day of 1970, a date with points turned round."""
-    if re.match(_TIME_OF_DAY, text):
-        return f"1970-01-01T{text}"
-    return re.sub(r"^(\d{2})\.(\d{2})\.(\d{4})", r"\3-\2-\1", text)
-
-
-def parse_stamps(cells: pl.Series) -> Array | None:
-    """Return the seconds of texts such as ``2024-05-01T12:00:00.25+02:00`` or ``12:00:00``; None unless all are alike.
-
-    Null becomes nan. The seconds may be missing or have fractions after a point or a comma, and the T may be a
-    blank. Either all texts have a zone, or none has.
-    """
-    import polars as pl
-
-    texts = cells.drop_nulls()
-    if texts.str.contains(_TIME_OF_DAY).all():
-        cells = "1970-01-01T" + cells
-        texts = cells.drop_nulls()
-    if not len(texts) or not texts.str.contains(_STAMP).all():
-        return None
-    parts = cells.to_frame("x").select(pl.col("x").str.extract_groups(_STAMP)).unnest("x")
-    # with a mixture of texts with and without a zone, no common time is known
-    if 0 < parts["zone"].null_count() - cells.null_count() < len(texts):
-        return None
-    date = parts["date"].str.replace_all("/", "-").str.to_date("%Y-%m-%d", strict=False)
-    date = date.fill_null(parts["date"].str.to_date("%d.%m.%Y", strict=False))
-    # a day that does not exist, such as February 30
-    if date.null_count() > cells.null_count():
-        return None
-    # missing parts of a time are zero
-    number = {key: parts[key].cast(pl.Int64).fill_null(0) for key in ("h", "m", "s", "zh", "zm")}
-    sign = pl.select(pl.when(parts["sign"] == "-").then(-1).otherwise(1)).to_series()
-    zone_minutes = sign * (60 * number["zh"] + number["zm"])
-    whole_seconds = 3600 * number["h"] + 60 * (number["m"] - zone_minutes) + number["s"] + DAY * date.cast(pl.Int64)
-    fraction = (parts["f"].fill_null("") + "000000000").str.slice(0, 9).cast(pl.Int64)
-    return _since_midnight(whole_seconds, 1) + _to_seconds(
-        fraction, 1_000_000_000
-    )  # together they would overflow in 292 years
-
-
-def seconds(series: pl.Series) -> Array:
-    """Return the seconds of a series of dates, dates with times, times of day, or durations; nan for null."""
-    import polars as pl
-
-    counts = series.to_physical().cast(pl.Int64)
-    if series.dtype == pl.Date:
-        return _since_midnight(counts * DAY, 1)
-    if series.dtype == pl.Time:
-        return _to_seconds(counts, 1_000_000_000)
-    rate = {"ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}[str(getattr(series.dtype, "time_unit", "us"))]
-    return _to_seconds(counts, rate) if series.dtype == pl.Duration else _since_midnight(counts, rate)
-
-
-def _since_midnight(counts: pl.Series, rate: int) -> Array:
-    """Return the seconds of integers (``rate`` per second) since the midnight before the first of them."""
-    values = counts.drop_nulls()
-    # integers are subtracted before the division, which keeps the full resolution
-    return _to_seconds(counts - (values[0] // (DAY * rate) * DAY * rate if len(values) else 0), rate)
-
-
-def _to_seconds(counts: pl.Series, rate: int) -> Array:
-    import polars as pl
-
-    return np.array((counts.cast(pl.Float64) / rate).fill_null(np.nan).to_numpy())
-
-
 def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  # noqa: ARG001
     """Read a table of text; columns of dates with times are in seconds.
 
     The separator is ``;``, tab, comma or blanks; a decimal comma is read where it is not the separator. Lines that
-    start with # or % are comments, and a title may stand above the names. Raises InputError for truncated rows and
-    for ambiguous numbers.
+    start with # or % are comments, and a title may stand above the names, which may be repeated further below. Lists
+    in cells, such as ``[0.1, 0.2]``, are columns ``name[0]``, ``name[1]``, ... Rows of one joint each, in a fixed
+    order, become rows of all joints, with columns ``joint.name``. Raises InputError for truncated rows and for
+    ambiguous numbers.
     """
     data, source = nonempty_content(path), str(path)
     afford(_parsing_memory(data), f"{path}: its {len(data) / 1e6:.3g} MB of text would take")
@@ -128,20 +53,30 @@ def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  
     separator = _find_separator(longest)
     body = _drop_title(body, len(row_cells(longest, separator)), separator)
     names, header = _find_header(body[0][1], [line for k, line in lines if k < body[0][0]], separator)
-    body = body[header:]
+    heads, body = body[:header], body[header:]
     if header and body and (units := unit_row(body[0][1], names, separator)) is not None:
-        names, body = units, body[1:]
+        names, heads, body = units, [*heads, body[0]], body[1:]
+    # recorders that append to a file write its header again
+    repeatable = {line for _, line in heads}
+    body = [(k, row) for k, row in body if row not in repeatable] if repeatable else body
     if not body:
         raise InputError(f"{source}: holds a header, but no row of numbers.")
     numbers, rows = [k for k, _ in body], [row for _, row in body]
+    names, rows = _expand_lists(names, rows, separator) if separator else (names, rows)
     # quotes are removed only here: names in the header may hold the separator inside them
     names, rows = _trim_separator(names, [row.replace('"', "") for row in rows] if b'"' in data else rows, separator)
     _check_rows(rows, numbers, len(names), separator, source)
     cells, names = _split_cells(rows, separator), _check_distinct(names, source)
     columns, faults, stamps = _parse_cells(cells, names, numbers, source)
+    joined_stamps = join_fractions(columns)
+    columns |= joined_stamps
     faulty_cells = {name: cells.gather_every(len(names), k) for k, name in enumerate(names) if name in faults}
     texts = {name: str(column[0]) for name, column in faulty_cells.items() if column.n_unique() == 1}
-    return DataTable(columns, {}, source, faults, numbers, units=dict.fromkeys(stamps, "s"), texts=texts)
+    columns, keys = _gather_keys(columns, {name: column.to_numpy() for name, column in faulty_cells.items()})
+    if keys:
+        numbers, faults = numbers[:: len(keys)], {}
+    stamp_units = dict.fromkeys((*stamps, *joined_stamps), "s")
+    return DataTable(columns, {}, source, faults, numbers, units=stamp_units, texts=texts)
 
 
 def _parsing_memory(data: bytes) -> int:
@@ -255,6 +190,24 @@ def _is_number(cell: str) -> bool:
     return bool(_NUMBER.fullmatch(cell)) or cell.lower() in (*_MISSING, "inf", "-inf", "+inf")
 
 
+def _expand_lists(names: list[str], rows: list[str], separator: str) -> tuple[list[str], list[str]]:
+    """Return names and rows with a column for each item of the lists in cells."""
+    list_cell = re.compile(rf'(?<![^{separator}]) *"?[\[(]([^\[\]()]*)[\])]"? *(?![^{separator}])')
+
+    def items(cell: re.Match[str]) -> list[str]:
+        return re.split(r"[,;\s]+", cell[1].replace("'", "").strip())
+
+    # the number of its items takes the place of a list, whose commas are no ends of cells
+    cells = row_cells(list_cell.sub(lambda cell: f"[{len(items(cell))}]", rows[0]), separator)
+    sizes = [int(cell[1:-1]) if re.fullmatch(r"\[\d+\]", cell) else 0 for cell in cells]
+    if len(cells) != len(names) or not any(sizes):
+        return names, rows
+    expanded_names = [
+        f"{name}[{k}]" if size else name for name, size in zip(names, sizes, strict=True) for k in range(size or 1)
+    ]
+    return expanded_names, [list_cell.sub(lambda cell: separator.join(items(cell)), row) for row in rows]
+
+
 def _trim_separator(names: list[str], rows: list[str], separator: str | None) -> tuple[list[str], list[str]]:
     """Drop the separator that some recorders write after the last cell of each line."""
     if separator is None or not all(row.endswith(separator) for row in rows):
@@ -272,9 +225,7 @@ def _check_rows(rows: list[str], numbers: list[int], width: int, separator: str 
         if count == width:
             continue
         hint = "The last line is cut off: delete it." if k == len(rows) - 1 else "Complete or delete the line."
-        if "[" in row:
-            hint = "A cell holds a list: write each of its numbers to a column of its own."
-        elif k == 0 and width == 1:
+        if k == 0 and width == 1:
             hint = "Begin the lines of a title with #."
         elif separator == "," and count > width:
             hint = "If commas are decimal marks, separate the columns with ';'."
@@ -337,6 +288,26 @@ def _parse_cells(
         else:
             columns[name] = table[:, k].copy()
     return columns, faults, tuple(stamps)
+
+
+def _gather_keys(columns: Mapping[str, Array], texts: Mapping[str, Any]) -> tuple[dict[str, Array], list[str]]:
+    """Return columns ``key.name`` with a row for each time where rows are of one key each, such as a joint; and keys.
+
+    A column of texts or numbers repeats the keys in a fixed order, while a column of stamps stays the same.
+    """
+    for key_name, values in {**texts, **columns}.items():
+        n = 1 + int(np.argmax(values[1:] == values[0])) if len(values) > 1 else 1
+        if n == 1 or len(values) % n or (values[n:] != values[:-n]).any() or len(set(values[:n])) < n:
+            continue
+        blocks = {name: column.reshape(-1, n) for name, column in columns.items() if name != key_name}
+        alike = {name for name, block in blocks.items() if (block == block[:, :1]).all()}
+        if any((blocks[name][1:, 0] > blocks[name][:-1, 0]).all() for name in alike):
+            keys = [key if isinstance(key, str) else f"{key:g}" for key in values[:n]]
+            by_key = {
+                f"{key}.{x}": blocks[x][:, k].copy() for k, key in enumerate(keys) for x in blocks if x not in alike
+            }
+            return {x: blocks[x][:, 0].copy() for x in blocks if x in alike} | by_key, keys
+    return dict(columns), []
 
 
 def _stamp_column(cells: pl.Series) -> Array | None:

@@ -114,7 +114,6 @@ class JointErrorsTooLarge(Reason):
 class WeakJoints(Reason):
     """Joints that hardly exert torque on a ``log`` have a large relative error: names, error (%) and rms (N m, N)."""
 
-    usual_remedy = Remedy.LONGER_TRAINING
     log: str
     joints: tuple[tuple[str, float, float], ...]
 

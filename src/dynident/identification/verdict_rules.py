@@ -163,14 +163,14 @@ def _order_actions(
     """Yield what to do: remedies, then motions to record.
 
     Remedies for a simulation come last where the model is of no use. What was found comes before the advice to look
-    for it, or to simulate.
+    for it, to record more of the same, or to simulate.
     """
     remedies, later_remedies = (
         [reason.remedy for reason in reasons if reason.remedy] for reasons in (against_use, against_simulation)
     )
     actions = [*remedies, *steps, *later_remedies] if against_use else [*later_remedies, *steps]
     corrections = [step for step in steps if isinstance(step, SetRight)]
-    later = [action for action in actions if action in (Remedy.CHECK, Remedy.SIMULATE)]
+    later = [action for action in actions if action in (Remedy.CHECK, Remedy.LONGER_TRAINING, Remedy.SIMULATE)]
     if later and corrections:
         k = actions.index(later[0])
         actions[k:k] = corrections

@@ -15,7 +15,6 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.models.inertia import consistency_violations
 from dynident.models.recursion import Recursion
 from dynident.models.recursion_kernel import make_recursion
 from dynident.models.robot_files import (
@@ -240,22 +239,16 @@ class RigidBodies(Term):
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on what of the file is ignored, and on its inertias that are not physically consistent."""
+        """Sentences on what of the file is ignored; what is wrong in it, ``checks`` find."""
         notes = list(self.file.notes)
-        if self.file.floating:
-            names = ", ".join(map(repr, self.file.floating))
-            notes.append(f"the robot floats by {names}, but only a fixed base is supported: it is taken as fixed")
-        elif limbs := self.file.limbs({body.joint.name for body in self.arm.bodies}):
+        limbs = self.file.limbs({body.joint.name for body in self.arm.bodies})
+        if limbs and not self.file.floating:
             notes.append(f"{len(limbs[1])} limbs move from the base {limbs[0]!r}, which is taken as fixed")
-        if self.file.gravity not in (None, self.gravity):
-            notes.append(f"the file's gravity {self.file.gravity} is ignored; {self.gravity} m/s^2 is used")
-        for body in self.arm.bodies_with_parameters:
-            if np.isnan(body.theta).any():
-                notes.append(f"body {body.name!r}: its inertia follows from meshes that were not found")
-            elif not body.theta.any():
-                notes.append(f"body {body.name!r}: the file gives no inertia")
-            else:
-                notes += [f"body {body.name!r}: {violation}" for violation in consistency_violations(body.theta)]
+        notes += [
+            f"body {body.name!r}: its inertia follows from meshes that were not found"
+            for body in self.arm.bodies_with_parameters
+            if np.isnan(body.theta).any()
+        ]
         return tuple(f"{self.source}: {note}." for note in notes)
 
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:

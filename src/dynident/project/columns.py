@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from dynident.project.fields import UNITS
+from dynident.project.fields import FACTOR, UNITS
 
 _UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower case, and its name in a configuration
     "time": {
@@ -42,8 +42,16 @@ _UNIT_ROLES = {  # units that tell the role too
 _UNIT = re.compile(
     r"[\[(]\s*(?P<bracket>[^\W\d][^\])\d]*|[°%])\s*[\])]|(?<=[\W_])(?P<tail>[^\W\d_]+|[°%])(?=[\W_]*\d*[\W_]*$)"
 )
-_STATED = re.compile(r"\[\s*([^\]\d]+?)\s*\]|(%|percent)", re.IGNORECASE)
-_WORD_BREAK = re.compile(r"[\W_]+|(?<=[a-z])(?=[A-Z][a-z])|(?<=[^\W\d])(?=\d)|(?<=\d)(?=[^\W\d])")
+_STATED = re.compile(rf"\[\s*((?:{FACTOR}\s*)?[^\]\d]+?)\s*\]|(%|percent)", re.IGNORECASE)
+_FACTOR_AND_UNIT = re.compile(rf"([\[(])\s*({FACTOR})\s*((?:[^\W\d]|[°%])[^\])\d]*[\])])")
+_COMPOUND_NOUNS = (  # that end words such as Motorstrom, Istwinkel, jointtorque, 关节角度
+    "angle position velocity speed acceleration torque effort current winkel geschwindigkeit drehzahl beschleunigung "
+    "moment kraft strom zeit 角度 位置 速度 加速度 力矩 扭矩 转矩 电流 时间"
+)
+_WORD_BREAK = re.compile(
+    r"[\W_]+|(?<=[a-z])(?=[A-Z][a-z])|(?<=[^\W\d])(?=\d)|(?<=\d)(?=[^\W\d])"
+    rf"|(?<=[^\W\d_])(?<!加)(?=(?i:{'|'.join(_COMPOUND_NOUNS.split())})(?![^\W\d_]))"
+)
 
 
 def _word_set(text: str) -> frozenset[str]:
@@ -51,24 +59,28 @@ def _word_set(text: str) -> frozenset[str]:
 
 
 _ROLES: Mapping[str, frozenset[str]] = {  # the first that a name has is its role
-    "acceleration": _word_set("ddq qdd qacc acc accel acceleration accelerations ddtheta qddot beschleunigung"),
+    "acceleration": _word_set("ddq qdd qacc acc accel acceleration accelerations ddtheta qddot beschleunigung 加速度"),
     "velocity": _word_set(
-        "dq qd qvel vel velocity velocities speed speeds qdot dtheta omega geschwindigkeit drehzahl vitesse velocidad"
+        "dq qd qvel vel velocity velocities speed speeds qdot dtheta omega geschwindigkeit drehzahl vitesse velocidad "
+        "速度"
     ),
-    "current": _word_set("current currents cur curr iq amp amps ampere i strom courant corriente"),
+    "current": _word_set("current currents cur curr iq amp amps ampere i strom courant corriente 电流"),
     "torque": _word_set(
-        "tau qfrc torque torques effort efforts eff trq tq moment force forces drehmoment kraft couple"
+        "tau qfrc torque torques effort efforts eff trq tq moment force forces kraft couple 力矩 扭矩 转矩"
     ),
     "position": _word_set(
-        "q qpos pos position positions angle angles ang theta th phi enc encoder encoders qm winkel posicion posizione"
+        "q qpos pos position positions angle angles ang theta th phi enc encoder encoders qm winkel posicion posizione "
+        "角度 位置"
     ),
-    "time": _word_set("t ts time times stamp stamps timestamp timestamps clock secs zeit temps tiempo tempo"),
+    "time": _word_set("t ts time times stamp stamps timestamp timestamps clock secs zeit temps tiempo tempo 时间"),
 }
 _COMMANDED_WORDS = _word_set(
     "cmd command commands commanded des desired target targets ref reference goal setpoint sp d nominal plan planned "
-    "con control soll sollwert consigne action actions"
+    "con control soll sollwert consigne action actions 指令 期望 目标 给定 参考"
 )
-_MEASURED_WORDS = _word_set("meas measured actual act fb feedback msr real sensed raw state read ist istwert")
+_MEASURED_WORDS = _word_set(
+    "meas measured actual act fb feedback msr real sensed raw state read ist istwert 实际 测量 反馈"
+)
 _FILTERED_WORDS = _word_set("filt filtered smooth smoothed est estimated hat lp")
 _DERIVED_WORDS = _word_set(
     "err error errors ext external fric friction grav gravity model coriolis comp diff std var temp temperature limit "
@@ -113,10 +125,12 @@ def tokens(name: str) -> tuple[str, ...]:
 
 def read_name(column: str, joints: Iterable[str]) -> ColumnName:
     """Parse a column's name, given the names of the robot's joints."""
-    words = tokens(column)
+    factor = _FACTOR_AND_UNIT.search(column)
+    text = _FACTOR_AND_UNIT.sub(r"\1\3", column)  # the number is none of a joint
+    words = tokens(text)
     # the joint is taken out first: its name may contain words such as torque or position
     joint, remaining = _take_joint(words, joints)
-    unit_spelling, unit_words = _unit_in_name(column)
+    unit_spelling, unit_words = _unit_in_name(text)
     unit_role = _UNIT_ROLES.get(unit_spelling, "")
     role = (
         _find_role(remaining)
@@ -129,6 +143,7 @@ def read_name(column: str, joints: Iterable[str]) -> ColumnName:
     unit = _UNITS.get(role, {}).get(unit_spelling)
     if unit:
         remaining = _remove_words(remaining, unit_words)
+        unit = f"{factor[2].replace(',', '.')} {unit}" if factor else unit
     number, remaining = _take_number(remaining) if joint is None else (None, remaining)
     return ColumnName(column, role, joint, number, unit, (*remaining, unit or ""), _measurement_rank(set(remaining)))
 
@@ -197,12 +212,22 @@ def _unit_dimension(name: ColumnName) -> str:
 
 
 def _take_joint(words: tuple[str, ...], joints: Iterable[str]) -> tuple[str | None, tuple[str, ...]]:
-    """Return the joint with the longest name that occurs in the words, and the remaining words."""
-    for joint in sorted(joints, key=lambda name: -len(tokens(name))):
-        name = tokens(joint)
-        for k in range(len(words) - len(name) + 1):
-            if name and words[k : k + len(name)] == name:
-                return joint, (*words[:k], *words[k + len(name) :])
+    """Return the joint with the longest name that occurs in the words, and the remaining words.
+
+    Where none occurs, names are compared without the words that all of them share, as in rf_knee_joint.
+    """
+    names = {joint: tokens(joint) for joint in joints}
+    shared = set.intersection(*map(set, names.values())) if names else set()
+    short_names = {joint: tuple(word for word in name if word not in shared) for joint, name in names.items()}
+    # what remains must tell the joint: not a number or a letter, which other names have too
+    short_names = {
+        joint: name for joint, name in short_names.items() if any(len(word) > 2 and word.isalpha() for word in name)
+    }
+    for candidates in (names, short_names):
+        for joint, name in sorted(candidates.items(), key=lambda candidate: -len(candidate[1])):
+            for k in range(len(words) - len(name) + 1):
+                if name and words[k : k + len(name)] == name:
+                    return joint, (*words[:k], *words[k + len(name) :])
     return None, words
 
 
@@ -229,7 +254,7 @@ def _unit_in_name(column: str) -> tuple[str, tuple[str, ...]]:
 
 def stated_unit(column: str, joints: Iterable[str]) -> str:
     """Return what a name has in square brackets but a joint, be it a known unit or not, or its per cent; else empty."""
-    words = {word for joint in joints for word in tokens(joint)}
+    words = {word for joint in joints for word in tokens(joint) if not word.isdecimal()}
     texts = [first or second for first, second in _STATED.findall(column)]
     return next((text for text in reversed(texts) if not set(tokens(text)) & words), "")
 

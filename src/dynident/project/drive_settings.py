@@ -12,7 +12,6 @@ from dynident.models import Joint
 from dynident.project.fields import (
     POSITIONS,
     TORQUES,
-    UNITS,
     VELOCITIES,
     Amount,
     Angle,
@@ -26,6 +25,7 @@ from dynident.project.fields import (
     Section,
     check_same_names,
     unit_factor,
+    unit_size,
 )
 from dynident.project.python_file import CODE, FileFunction, load_from_file, resolve_file
 from dynident.runtime import ConfigError, choices
@@ -161,7 +161,7 @@ class ServoJoint(Section):
 
     @model_validator(mode="after")
     def _check_gain(self) -> Self:
-        is_torque = any(self.command.unit in UNITS[dimension] for dimension in TORQUES.values())
+        is_torque = any(unit_size(self.command.unit, dimension) for dimension in TORQUES.values())
         if self.kp is None and not is_torque:
             raise ValueError(f"needs `kp` for a command in {self.command.unit}, a number or `estimate`")
         if self.kp is not None and is_torque:

@@ -6,6 +6,7 @@ Each reader raises ValueError with a message to be appended to the path of the s
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -54,6 +55,8 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605},
 }  # fmt: skip
 
+FACTOR = r"\d+(?:[.,]\d+)?(?:e-?\d+)?"  # of a unit
+
 _END_SCHEMA = {"type": ["number", "null"]}
 _PAIR_SCHEMA = {"type": "array", "prefixItems": [_END_SCHEMA, _END_SCHEMA], "items": False, "minItems": 2}
 _TEXTS_SCHEMA = {"type": "object", "additionalProperties": {"type": "string"}, "minProperties": 1}
@@ -68,15 +71,20 @@ def unit_factor(unit: str, dimension: str, where: str) -> float:
 
     ``dimension`` is one of UNITS; raises ConfigError, led by ``where``, for other units.
     """
-    factors = UNITS[dimension]
-    spaceless = {name.replace(" ", ""): factor for name, factor in factors.items()}
-    key = unit.replace(" ", "").replace("*", "").replace("·", "")
-    if key in spaceless:
-        return spaceless[key]
+    if size := unit_size(unit, dimension):
+        return size
     # a known unit of another dimension is the likeliest mistake
-    dimensions = [name for name, units in UNITS.items() if key in {u.replace(" ", "") for u in units}]
+    dimensions = [name for name in UNITS if unit_size(unit, name)]
     fault = f"a unit of {dimensions[0]}, not of {dimension}" if dimensions else f"not a unit of {dimension}"
-    raise ConfigError(f"{where}: {unit!r} is {fault}; {choices(unit, factors)}")
+    raise ConfigError(f"{where}: {unit!r} is {fault}; {choices(unit, UNITS[dimension])}")
+
+
+def unit_size(unit: str, dimension: str) -> float | None:
+    """Return a unit in SI units, which may have a factor in front, such as ``0.01 deg``; None for other units."""
+    text = re.sub(r"[ *·]", "", unit).replace(",", ".")
+    name = re.sub(rf"^{FACTOR}", "", text)
+    sizes = {known_name.replace(" ", ""): size for known_name, size in UNITS[dimension].items()}
+    return float(text.removesuffix(name) or 1) * sizes[name] if name in sizes else None
 
 
 def interval_ends(interval: Interval) -> tuple[float, float]:

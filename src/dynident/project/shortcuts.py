@@ -29,7 +29,7 @@ from dynident.models.robot_files import RobotJointLimits
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Smoother, Spline
 from dynident.project.config import load_model, load_robot
-from dynident.project.fields import UNITS, read_settings
+from dynident.project.fields import read_settings, unit_size
 from dynident.project.logs import log_spec, read_logs
 from dynident.project.parts import build
 from dynident.project.project import model_source, read_project, stamp
@@ -352,4 +352,4 @@ def _read_channel(channel: Any, where: str, example: str) -> Any:
 
 
 def _joint_kind(unit: str) -> Literal["revolute", "prismatic"]:
-    return "prismatic" if unit.replace(" ", "") in UNITS["length"] else "revolute"
+    return "prismatic" if unit_size(unit, "length") else "revolute"

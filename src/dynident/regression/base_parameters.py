@@ -210,10 +210,17 @@ class UnexcitedParameters(Note):
     together: bool = False
     still: tuple[str, ...] = ()
 
+    @property
+    def motion(self) -> str:
+        """The joints to move, and how."""
+        how = " at the same time" if self.together else " each by itself"
+        # joints that moved, and did not show the parameters, did so while the others stood in too few postures
+        how += "" if self.together or self.still else ", in several postures of the others"
+        return ", ".join(self.joints) + (how if len(self.joints) > 1 else "")
+
     def __str__(self) -> str:
-        how = "" if len(self.joints) == 1 else " at the same time" if self.together else " each by itself"
         still = f" (at rest in these data: {', '.join(self.still)})" if self.still else ""
-        return f"{'; '.join(self.groupings)}: not excited by these data; move {', '.join(self.joints)}{how}{still}."
+        return f"{'; '.join(self.groupings)}: not excited by these data; move {self.motion}{still}."
 
 
 def find_unexcited(

@@ -101,6 +101,13 @@ def test_measured_columns_are_preferred():
     assert chosen(map_columns(table(**signals(("q_d1", "q_d2"))), NUMBERED)) == [None, None, "tau1", "tau2"]
 
 
+def test_positions_in_degrees_are_preferred_to_counts() -> None:
+    counts = {f"enc{k}": wave(1e5, k) for k in (1, 2)}
+    mapping = map_columns(table(**counts, **signals(position=("J1[deg]", "J2[deg]"))), ARM)
+    assert chosen(mapping) == ["J1[deg]", "J2[deg]", "tau1", "tau2"]
+    assert not any("same meaning" in channel.question for channel in mapping.position.values())
+
+
 def test_each_joint_has_the_unit_of_its_own_column():
     scara = (*ARM, MovableJoint("quill", "prismatic", RobotJointLimits(effort=200.0, lower=0.0, upper=0.2)))
     names = ("shoulder pos [deg]", "elbow pos [deg]", "quill pos [mm]")

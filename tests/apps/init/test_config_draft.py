@@ -350,5 +350,5 @@ def test_without_masses_the_gains_are_to_be_filled_in(tmp_path: Path) -> None:
     bare = tmp_path / "bare.urdf"
     bare.write_text("".join(part.rpartition("</inertial>")[2] for part in text.split("<inertial>")))
     done = succeed("init", bare, log, "-o", tmp_path / "c.yaml")
-    assert "the gains: torque constant times gear ratio" in done.output
+    assert re.search(r"the gains: torque constant times gear ratio.*\(gravity and inertia", done.output)
     assert "# lift: { column: lift_current, gain: ," in (tmp_path / "c.yaml").read_text()

@@ -328,8 +328,7 @@ def _open_blocks(design: Design) -> Iterator[PageBlock]:
     """Yield what stays open, with the motion that would show it."""
     rows = []
     for note in (entry for entry in design.notes if isinstance(entry, UnexcitedParameters)):
-        how = "" if len(note.joints) == 1 else " at the same time" if note.together else ", each by itself"
-        rows += [(short_formula(name), f"it takes motion of {', '.join(note.joints)}{how}") for name in note.groupings]
+        rows += [(short_formula(name), f"it takes motion of {note.motion}") for name in note.groupings]
     if rows:
         yield PageTable.of(("base parameter", "why"), (), rows, "What stays open, and why")
 

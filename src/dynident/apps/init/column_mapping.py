@@ -25,7 +25,7 @@ from dynident.apps.init.shape_match import match_by_shape
 from dynident.files.tables import DataTable
 from dynident.identification import held_joints
 from dynident.project.columns import ColumnFamily, families, read_name, stated_unit
-from dynident.project.fields import POSITIONS, TORQUES, UNITS
+from dynident.project.fields import POSITIONS, TORQUES, UNITS, unit_factor, unit_size
 from dynident.project.signals import unwrap
 from dynident.runtime.arrays import Array
 
@@ -176,7 +176,7 @@ def _motion_range(tables: Sequence[DataTable], joint: MovableJoint, signal: Chan
         return math.inf
     recordings = [finite_values(table.columns[signal.column]) for table in tables if signal.column in table.columns]
     ends = [end for q in recordings if len(q) for end in (q.min(), q.max())]
-    return UNITS[POSITIONS[joint.kind]][signal.unit] * float(np.ptp(ends)) if ends else math.inf
+    return unit_factor(signal.unit, POSITIONS[joint.kind], "") * float(np.ptp(ends)) if ends else math.inf
 
 
 def _unknown_joint_columns(
@@ -236,20 +236,20 @@ def _position_channel(joint: MovableJoint, q: Array, match: Match, degrees: str)
 
     ``degrees`` is the question to ask where the positions of revolute joints look like degrees, else empty.
     """
-    column, unit_factors = match.columns[joint.name], UNITS[POSITIONS[joint.kind]]
+    column, dimension = match.columns[joint.name], POSITIONS[joint.kind]
     unit, doubt = match.family.units.get(column, ""), ""
-    if unit in unit_factors:
-        if _is_motor_side(joint, unit_factors[unit] * q):
+    if size := unit_size(unit, dimension):
+        if _is_motor_side(joint, size * q):
             doubt = "it moves further than the joint can: is it of the motor side of the gear (see `transmission`)?"
     elif degrees and joint.kind == "revolute":
         unit, doubt = "deg", degrees
     else:
         unit, doubt = _si_unit(joint, POSITIONS), _unit_question(joint, q)
-        if not doubt and (stated := stated_unit(column, [joint.name])):
+        if stated := stated_unit(column, [joint.name]):
             doubt = (
                 f"its name says {stated!r}, which is not read as a unit of position: then `gain`, or another `unit`?"
             )
-        if joint.kind == "prismatic" and doubt and len(q) and _is_within_reach(joint, q, unit_factors["mm"]):
+        if joint.kind == "prismatic" and doubt and len(q) and _is_within_reach(joint, q, UNITS[dimension]["mm"]):
             unit = "mm"  # as the question supposes
     return ChannelProposal(column, unit, _nonempty(match.question, doubt))
 
@@ -339,7 +339,7 @@ def _torque_channel(
     """
     column, limit = match.columns[joint.name], joint.limits.effort
     unit, doubt = match.family.units.get(column, ""), ""
-    if unit in UNITS[TORQUES[joint.kind]]:
+    if unit_size(unit, TORQUES[joint.kind]):
         return ChannelProposal(column, unit, _nonempty(match.question))
     unit = _si_unit(joint, TORQUES)
     if stated := stated_unit(column, [joint.name]):
@@ -386,7 +386,7 @@ def _lock_positions(
         if joint.follows:
             lock[joint.name] = 0.0, f"it follows {joint.follows!r}, which moves: a model cannot have both"
         elif signal is not None and signal.column is not None:
-            q = finite_values(table.columns[signal.column]) * UNITS[POSITIONS[joint.kind]][signal.unit]
+            q = finite_values(table.columns[signal.column]) * unit_factor(signal.unit, POSITIONS[joint.kind], "")
             span = float(np.ptp(q)) if len(q) else 0.0
             moves = f"it moves by {span:.2g} {unit} in the log" if span > _MAX_LOCKED_MOTION else ""
             lock[joint.name] = (round(float(np.median(q)), _LOCK_DECIMALS) + 0.0 if len(q) else 0.0), moves

@@ -23,7 +23,7 @@ from dynident.identification import moving_span
 from dynident.motion.log import Log
 from dynident.project.arms import find_arm
 from dynident.project.columns import is_commanded, read_name
-from dynident.project.fields import UNITS
+from dynident.project.fields import unit_factor
 from dynident.project.logs import read_recording
 from dynident.project.settings import LogSpec
 from dynident.runtime import InputError, choices, count, join_names
@@ -370,5 +370,5 @@ def _times_and_positions(mapping: ColumnMapping, table: DataTable) -> Array:
     rows = np.column_stack(columns)
     # a single impossible value would dominate the range
     rows = rows[(np.abs(rows) < _MAX_MEASURED_VALUE).all(axis=1)]
-    rows[:, 0] *= UNITS["time"][mapping.time.unit]
+    rows[:, 0] *= unit_factor(mapping.time.unit, "time", "")
     return rows

@@ -18,7 +18,7 @@ from dynident.models.rigid_bodies import read_robot_file
 from dynident.models.robot_files import JointCoupling, RobotFile, RobotJointLimits
 from dynident.project.columns import ColumnFamily, tokens
 from dynident.project.config import load_model, robot_text
-from dynident.project.fields import UNITS
+from dynident.project.fields import UNITS, unit_factor, unit_size
 from dynident.runtime import ModelError
 from dynident.runtime.arrays import Array
 
@@ -101,7 +101,7 @@ def best_pair(
 def _has_length(match: Match, joints: Collection[str]) -> bool:
     """Return whether the column of one of the joints has a unit of length."""
     units = match.family.units
-    return any(units.get(column) in UNITS["length"] for joint, column in match.columns.items() if joint in joints)
+    return any(unit_size(units.get(column, ""), "length") for joint, column in match.columns.items() if joint in joints)
 
 
 def _pair_merit(pair: tuple[Match | None, Match | None]) -> tuple[float, ...]:
@@ -113,6 +113,7 @@ def _pair_merit(pair: tuple[Match | None, Match | None]) -> tuple[float, ...]:
         len(common),
         sum(match.family.rank for match in matches),
         any(match.family.role == "torque" for match in matches),
+        sum(bool(match.family.units) for match in matches),  # degrees rather than counts
         -sum(bool(match.question) for match in matches),
         pair[0] is not None,
     )
@@ -125,7 +126,7 @@ def _ask_about_rivals(table: DataTable, match: Match | None, candidates: Iterabl
 
     def key(candidate: Match) -> tuple[Any, ...]:
         family, columns = candidate.family, candidate.columns
-        return family.role, family.rank, set(columns), match_length(table, candidate)
+        return family.role, family.rank, bool(family.units), set(columns), match_length(table, candidate)
 
     # rivals are equal in all that the choice was made by, so that the order of the file decided
     others = (candidate for candidate in candidates if candidate is not match and key(candidate) == key(match))
@@ -225,9 +226,8 @@ def turn_size(q: Array, unit: str) -> float | None:
 
     Without a unit, the angle may be in rad or degrees.
     """
-    factors = UNITS["angle"]
     # an angle without a unit may wrap at 2 pi or at 360
-    sizes = [2 * math.pi / factors[unit]] if unit in factors else [2 * math.pi, 360.0]
+    sizes = [2 * math.pi / size] if (size := unit_size(unit, "angle")) else [2 * math.pi, 360.0]
     steps, span = np.abs(np.diff(q)), float(np.ptp(q)) if len(q) else 0.0
     for size in sizes:
         # wraps are jumps of nearly a turn within a span of one turn, with small steps in between
@@ -262,7 +262,7 @@ def time_column(
     unit = unit or ("s" if ros else _epoch_unit(column))
     if unit is None:
         return _unit_from_step(name, column, question)
-    return TimeColumn(name, unit, _median_step(column) * UNITS["time"][unit], question)
+    return TimeColumn(name, unit, _median_step(column) * unit_factor(unit, "time", ""), question)
 
 
 def _find_stamps(

@@ -22,6 +22,7 @@ from dynident.runtime import DynidentError
 SMOOTHER = Spline(factor=8.0)  # position noise may not be white, and the slow torque of gravity tells most
 MOUNTING_SAMPLES = 2000  # of all logs together, for the fits that compare directions of gravity
 GRAVITY_DECIMALS = 6
+_HIDDEN_GAIN = "gravity and inertia of the robot file explain too little of the column to estimate it"
 
 
 class DraftFits:
@@ -53,7 +54,9 @@ class DraftFits:
         except DynidentError:  # whatever it is, it is said where the configuration is read
             return mapping
         torque = {
-            name: replace(channel, factor=(gains[name].value, gains[name].std)) if name in gains else channel
+            name: replace(channel, factor=(gains[name].value, gains[name].std))
+            if name in gains
+            else replace(channel, gain=channel.gain and f"{channel.gain} ({_HIDDEN_GAIN})")
             for name, channel in mapping.torque.items()
         }
         return replace(mapping, torque=torque)

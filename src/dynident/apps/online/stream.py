@@ -24,8 +24,9 @@ import numpy as np
 from dynident.apps.online.detector import BadLines
 from dynident.apps.online.watcher import MAX_TIME
 from dynident.files.opener import file_status, open_input
+from dynident.files.stamps import iso_stamp
 from dynident.files.tables import DataTable
-from dynident.files.text import first_row, iso_stamp, row_cells, unit_row
+from dynident.files.text import first_row, row_cells, unit_row
 from dynident.models import Joint
 from dynident.project.fields import Channel, unit_factor
 from dynident.project.settings import Config, check_joints

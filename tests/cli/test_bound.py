@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.commands import configure, refuse, run, succeed, write_log
+from tests.cli.commands import configure, refuse, succeed, write_log
 
 KEYS = {
     "name", "alone", "value", "unit", "std", "relative", "fit", "position_share", "inflation", "partner", "correlation"
@@ -55,12 +55,6 @@ def test_given_noise_scales_the_bound(config: Path, tmp_path: Path) -> None:
         assert content["noise"]["from"] == {"positions": "as given", "torques": "as given"}
         stds.append([x["std"]["now"] for x in content["parameters"]])
     assert stds[1] == pytest.approx([10 * x for x in stds[0]], rel=1e-6)
-
-
-def test_the_torque_sensor_alone(config: Path, tmp_path: Path) -> None:
-    assert run("bound", config, "--torque", "sensor", "--json", tmp_path / "numbers.json").exit_code == 0
-    noise = json.loads((tmp_path / "numbers.json").read_text())["noise"]
-    assert noise["tau"] == noise["sensor"]
 
 
 @pytest.mark.parametrize(

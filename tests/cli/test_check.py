@@ -6,27 +6,11 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from tests.cli.commands import configure, refuse, run, succeed, write_log
 from tests.robots import ARM, link
 
 SINE = np.sin(6e-3 * np.arange(2000))
-
-
-def test_a_sound_configuration(tmp_path: Path) -> None:
-    write_log(tmp_path)
-    write_log(tmp_path, "held.csv", rate=4.0)
-    path = configure(tmp_path, validation=[{"file": "held.csv"}])
-    done = succeed("check", path, "--json", tmp_path / "out" / "found.json")
-    assert len(done.output.splitlines()) <= 12
-    assert done.output.endswith("identify.yaml: No errors and no warnings.\n")
-    ((name, told),) = json.loads((tmp_path / "out" / "found.json").read_text()).items()
-    assert name.endswith("identify.yaml")
-    assert [x["topic"] for x in told["findings"]] == ["time offset"]
-    assert told["logs"]["log"]["rate"] == pytest.approx(500)
-    assert told["joints"][0]["peak_speed"] == pytest.approx(0.9, rel=0.05)
-    assert told["rank"]["on_data"] == 4
 
 
 def test_every_finding_is_printed_before_the_exit_code(tmp_path: Path) -> None:
@@ -66,12 +50,6 @@ def test_a_file_that_cannot_be_used_does_not_hide_the_next(tmp_path: Path) -> No
         says=("cannot be read", "did you mean 'smoother'", "good.urdf: No errors"),
     )
     assert len(json.loads((tmp_path / "x").read_text())) == 3
-
-
-def test_nowhere_to_write_is_said_before_the_work(tmp_path: Path) -> None:
-    (tmp_path / "taken").write_text("mine")
-    done = refuse("check", tmp_path / "missing.yaml", "--json", tmp_path / "taken" / "x.json", says="taken")
-    assert "missing.yaml" not in done.output
 
 
 def test_a_misspelt_file_is_answered_by_the_one_meant(tmp_path: Path) -> None:

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from dynident.cli.command_log import LOG_HEAD, REPEAT_INTERVAL, CommandLog
-from dynident.runtime import Step
+from dynident.cli.command_log import LOG_HEAD
 from tests.cli.commands import configure, refuse, run, succeed, write_log
 from tests.robots import ARM
 
@@ -28,30 +27,6 @@ def test_steps_are_printed_with_times_wherever_the_option_stands(tmp_path: Path,
     assert steps[:2] == ["building the model", "reading log 0-3 s"]
     assert len(steps) == len(set(steps))
     assert " s  " not in done.stdout.splitlines()[0]
-
-
-def test_a_long_step_says_each_half_minute_how_much_is_done() -> None:
-    own = CommandLog(verbose=True)
-    assert own.step(Step("simulating", 0, 30)).endswith(" s  simulating")
-    assert own.step(Step("simulating", 1, 30)) == ""
-    for done in (7, 8):
-        own.began -= REPEAT_INTERVAL
-        assert own.step(Step("simulating", done, 30)).endswith(f" s  simulating ({done} of 30)")
-        assert own.step(Step("simulating", done + 1, 30)) == ""
-    own.began -= REPEAT_INTERVAL
-    assert own.step(Step("simulating")) == ""  # nothing to add
-    assert own.step(Step("validating", 0, 2)).endswith(" s  validating")
-
-
-def test_a_quiet_run_prints_results_and_what_was_written(tmp_path: Path) -> None:
-    write_log(tmp_path)
-    config = configure(tmp_path)
-    loud, quiet = run("identify", config), run("identify", config, "-q")
-    for words in ("Next:", "Warning:", "To keep this"):
-        assert words in loud.stdout
-        assert words not in quiet.output
-    assert set(quiet.stdout.splitlines()) < set(loud.stdout.splitlines())
-    assert "Verdict: " in quiet.stdout
 
 
 def test_the_log_keeps_all_that_is_said_of_each_run(tmp_path: Path) -> None:
@@ -85,14 +60,6 @@ def test_no_file_but_a_log_is_added_to(tmp_path: Path, name: str) -> None:
     before = (tmp_path / name).read_bytes()
     refuse("check", config, "--log-file", tmp_path / name, says="is no log of dynident")
     assert (tmp_path / name).read_bytes() == before
-
-
-def test_a_log_is_not_replaced_by_a_result(tmp_path: Path) -> None:
-    write_log(tmp_path)
-    log = tmp_path / "out" / "report.html"
-    done = run("smooth", tmp_path / "log.csv", *SMOOTH, "--out", tmp_path / "out", "--log-file", log)
-    assert done.exit_code == 1
-    assert log.read_text().startswith(LOG_HEAD)
 
 
 def test_names_in_a_log_are_escaped(tmp_path: Path) -> None:

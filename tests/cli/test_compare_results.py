@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.apps.compare_results.test_compared import folder
+from tests.apps.compare_results.test_comparison import folder
 from tests.cli.commands import configure, run, succeed, write_log
 
 __all__ = ["folder"]

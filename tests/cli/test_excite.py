@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ import dynident as dy
 from dynident.apps.excitation import LimitError
 from dynident.apps.excitation.robot import ExcitationProject
 from dynident.apps.excitation.run import refuse_targets
+from dynident.apps.excitation.search import Plan, Stage
 from dynident.runtime import ConfigError
 from tests.apps.excitation.arms import TWO
 from tests.cli.commands import refuse, run, succeed
@@ -22,6 +25,15 @@ from tests.cli.commands import refuse, run, succeed
 QUICK = ("--duration", 10, "--period", 3, "--harmonics", 2, "--starts", 1, "--workers", 1, "--floor", -2)
 FILES = {f"{stem}.{end}" for stem in ("trial", "motion", "validation") for end in ("csv", "npz", "trajectory.yaml")}
 FRICTION = {"viscous": 1.0, "coulomb": 0.5, "rotor": 0.05, "": 0.1}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def short_search() -> Iterator[None]:
+    """The search of a motion ends after a few steps."""
+    stages = (Stage(1.0, 6), Stage(0.1, 6), Stage(0.0, 4))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(import_module("dynident.apps.excitation.design"), "Plan", lambda starts: Plan(starts, stages))
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -140,22 +152,6 @@ def test_what_an_earlier_run_wrote_is_replaced_until_it_is_changed(designed: Pat
     (out / "identify.yaml").write_text((out / "identify.yaml").read_text() + "# mine\n")
     with pytest.raises(ConfigError, match=r"identify\.yaml: was written or changed by hand"):
         refuse_targets(out)
-
-
-def test_the_report_of_another_command_is_not_replaced(tmp_path: Path) -> None:
-    (tmp_path / "two.urdf").write_text(TWO)
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "report.html").write_text("of identify")
-    refuse(
-        "excite",
-        tmp_path / "two.urdf",
-        "-o",
-        tmp_path / "out",
-        *QUICK,
-        says="report.html: is the report of another command",
-    )
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["report.html"]
-    assert (tmp_path / "out" / "report.html").read_text() == "of identify"
 
 
 def test_from_python_nothing_is_written_unless_it_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -172,7 +172,7 @@ def test_an_interrupt_while_a_class_is_made(tmp_path: Path) -> None:
 
 
 def test_an_interrupt_from_outside(tmp_path: Path) -> None:
-    write_log(tmp_path, n=20_000)
+    write_log(tmp_path)
     with command("check", *[configure(tmp_path)] * 500) as process:
         assert process.stdout is not None
         process.stdout.readline()

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from unittest.mock import Mock
 
 import fsspec
 import polars as pl
 import pytest
-from click.testing import CliRunner
 
-from dynident.cli import main
 from dynident.files import row_store
 from tests.apps.fleets.made import FLEET, make_fleet
-
-
-def run_command(*words: str | Path) -> tuple[int, str]:
-    done = CliRunner().invoke(main, ["fleet", *map(str, words)])
-    return done.exit_code, done.output
+from tests.cli.commands import refuse, run, succeed
 
 
 @pytest.fixture(scope="module")
@@ -27,23 +22,20 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_fleet_is_identified_reported_and_known_the_next_time(fleet: Path) -> None:
     out = fleet.with_name("out")
+    command = ("fleet", fleet, "--out", out, "--workers", 1)
     (fleet.parent / "logs" / "arm-1" / "2026-02-30.csv").write_text("t\n")
-    code, said = run_command(fleet, "--out", out, "--workers", "1")
-    assert code == 0, said
+    said = succeed(*command).output
     assert said.splitlines()[-1].startswith("fleet: 4 logs of 2 robots")
     assert "the date '2026-02-30' of logs/arm-1/2026-02-30.csv cannot be read" in " ".join(said.split())
     assert {path.name for path in out.iterdir()} == {"fleet.parquet", "report.html", "recipe.yaml", "fleet.json"}
-    code, said = run_command(fleet, "--out", out, "--workers", "1")
-    assert code == 0, said
+    said = succeed(*command).output
     assert "Logs identified now: 1; known before: 3." in said
     assert len(said.splitlines()) <= 12
-    assert "arm-1  " in run_command(fleet, "--out", out, "--workers", "1", "-v")[1]  # the table of robots
+    assert "arm-1  " in succeed(*command, "-v").output  # the table of robots
 
 
 def test_where_no_log_has_a_result_the_exit_code_says_so(fleet: Path, tmp_path: Path) -> None:
-    code, said = run_command(fleet, "--out", tmp_path, "--workers", "1", "--time-limit", "0.001")
-    assert code == 1, said
-    assert "Error: no log has a result: " in said
+    refuse("fleet", fleet, "--out", tmp_path, "--workers", 1, "--time-limit", 0.001, says="no log has a result: ")
     assert (tmp_path / "report.html").is_file()
 
 
@@ -54,10 +46,9 @@ def test_logs_of_an_object_store_are_read(fleet: Path, tmp_path: Path) -> None:
     text = FLEET.replace("logs/", "memory://bucket/").replace("robot.yaml", str(fleet.with_name("robot.yaml")))
     (tmp_path / "fleet.yaml").write_text(text)
     try:
-        code, said = run_command(tmp_path / "fleet.yaml", "--out", tmp_path / "out", "--workers", "1")
+        succeed("fleet", tmp_path / "fleet.yaml", "--out", tmp_path / "out", "--workers", 1)
     finally:
         store.rm("/bucket", recursive=True)
-    assert code == 0, said
     rows = pl.read_parquet(tmp_path / "out" / "fleet.parquet").sort("robot", "date")
     assert rows["status"].to_list() == ["ok"] * 3
     assert rows["log"][0] == "memory:///bucket/arm-1/2026-01-01.csv"
@@ -66,10 +57,7 @@ def test_logs_of_an_object_store_are_read(fleet: Path, tmp_path: Path) -> None:
 def test_an_interrupted_fleet_says_where_its_logs_are(
     fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def stopped(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(row_store, "run_jobs", stopped)
-    code, said = run_command(fleet, "--out", tmp_path / "out", "--workers", "1")
-    assert code == 130
-    assert "run the same command again" in said
+    monkeypatch.setattr(row_store, "run_jobs", Mock(side_effect=KeyboardInterrupt))
+    done = run("fleet", fleet, "--out", tmp_path / "out", "--workers", 1)
+    assert done.exit_code == 130
+    assert "run the same command again" in done.output

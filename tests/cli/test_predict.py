@@ -113,18 +113,6 @@ class TestPredict:
         assert first["measured_elbow"].is_null().all()
         refuse("predict", arm / "result.json", bare, says="--out")
 
-    def test_some_torques_are_no_torques_at_all(self, arm: Path) -> None:
-        full = pl.read_csv(arm.parent / "tuesday.csv", separator=";")
-        full.drop("elbow i_q").write_csv(arm.parent / "some.csv")
-        refuse("predict", arm / "result.json", arm.parent / "some.csv", says="'elbow i_q'")
-
-    def test_several_recordings_in_one_table(self, slider: Path, tmp_path: Path) -> None:
-        table = tmp_path / "t.csv"
-        logs = (slider.parents[1] / "log.csv", write_log(tmp_path, "second.csv"))
-        succeed("predict", slider, *logs, "--out", table)
-        frame = pl.read_csv(table)
-        assert frame.group_by("log").len().sort("log").rows() == [("log", 2000), ("second", 2000)]
-
     def test_files_of_one_recording_are_named_by_their_keys(self, tmp_path: Path) -> None:
         frame = pl.read_csv(write_log(tmp_path))
         for name, columns in {"p": ["time", "pos"], "f": ["force"]}.items():
@@ -151,19 +139,6 @@ class TestPredict:
         robot.unlink()
         assert succeed("predict", arm / "result.json", tuesday).output == expected
         robot.write_text(text)
-
-    def test_the_smoother_of_the_result_is_used_again(self, slider: Path, tmp_path: Path) -> None:
-        data = json.loads(slider.read_text())
-        assert data["recipe"]["smoother"]["kind"] == "spline"
-        for factor, words in (
-            (2.0, "slider"),
-            (-1, "r.json: recipe: smoother: factor: should be greater than 0; got -1"),
-        ):
-            data["recipe"]["smoother"]["factor"] = factor
-            (tmp_path / "r.json").write_text(json.dumps(data))
-            done = run("predict", tmp_path / "r.json", slider.parents[1] / "log.csv")
-            assert done.exit_code == int(factor < 0)
-            assert words in done.output
 
     @pytest.mark.parametrize("text", ["", "[]", "{}", '{"settings": {}, "parameters": []}', "{", "\x00"])
     def test_other_files_are_no_results(self, tmp_path: Path, text: str) -> None:

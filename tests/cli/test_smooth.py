@@ -58,11 +58,6 @@ class TestSmooth:
         assert t[0] == 12 * 3600
         assert "seconds" not in run(*words, "--time-unit", "h").output
 
-    @pytest.mark.parametrize("rule", ["constraint", "gcv", "reml", "interpolate"])
-    def test_rules_on_all_columns(self, tmp_path: Path, rule: str) -> None:
-        succeed("smooth", write_log(tmp_path), "--time", "time", "--rule", rule, "--out", tmp_path / "out")
-        assert len(pl.read_csv(tmp_path / "out" / "smoothed.csv").columns) == 7
-
     @pytest.mark.parametrize(
         ("options", "words"),
         [

@@ -83,12 +83,6 @@ def test_a_step_with_the_time_left_where_it_is_known(monkeypatch: pytest.MonkeyP
     assert max(map(len, lines)) <= int(columns)
 
 
-def test_steps_are_silent_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    with status():
-        report_progress(Step("choosing", 1, 4))
-    assert capsys.readouterr().err == ""
-
-
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252", "utf-8"])
 def test_tables_are_printed_in_any_encoding(tmp_path: Path, encoding: str) -> None:
     """That of a file to which Windows redirects what is printed has no lines to draw."""

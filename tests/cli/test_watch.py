@@ -46,13 +46,12 @@ def test_a_recording_is_watched_as_the_text_of_its_rows(slider: Path, tmp_path: 
     frame = pl.DataFrame(columns)
     frame.write_csv(tmp_path / "log.csv")
     frame.write_parquet(tmp_path / "log.parquet")
-    np.savez(tmp_path / "log.npz", **columns)  # type: ignore[arg-type]
     said = {
         kind: succeed("watch", slider, tmp_path / f"log.{kind}", "--once", "--out", tmp_path / kind, *SETTINGS).stdout
-        for kind in ("csv", "parquet", "npz")
+        for kind in ("csv", "parquet")
     }
     texts = [said[kind].replace(f"/{kind}/", "/") for kind in said]
-    assert texts[0] == texts[1] == texts[2]
+    assert texts[0] == texts[1]
     assert "2026-09-21 " in texts[0].splitlines()[1]
     assert "1 change was found" in texts[0]
     again = succeed("watch", slider, tmp_path / "log.parquet", "--out", tmp_path / "parquet", *SETTINGS)

@@ -1,7 +1,6 @@
 """Section 3 of the article, run again: what its tables say, and what its figures show."""
 
 import json
-import pickle
 from functools import cache
 from pathlib import Path
 
@@ -89,8 +88,8 @@ def test_dropping_the_transient_before_smoothing_removes_a_bias_of_theta2() -> N
 
 
 def test_maximum_likelihood_reaches_the_bound_and_says_so(tmp_path: Path) -> None:
-    """Of 7 parameters and 4 runs the rms over the bound is 1 within a few times 1 / sqrt(56); splines are not near."""
-    outcome = reproduce("stated", 4, methods=("spline", "ml"), path=tmp_path / "study.parquet")
+    """Of 7 parameters and 2 runs the rms over the bound is 1 within a few times 1 / sqrt(28); splines are not near."""
+    outcome = reproduce("stated", 2, methods=("spline", "ml"), path=tmp_path / "study.parquet")
     ours, splines = (case(1e-4, method, outcome) for method in ("ml", "spline"))
     ratio = [np.mean((x.estimates - outcome.true) ** 2 / outcome.bounds[1e-4]) ** 0.5 for x in (ours, splines)]
     assert ratio[0] < 1.5
@@ -98,7 +97,7 @@ def test_maximum_likelihood_reaches_the_bound_and_says_so(tmp_path: Path) -> Non
     assert ours.unsettled == ours.failed == 0
     assert ours.coverage.mean() > 0.8 > splines.coverage.mean()
     assert "ml" not in outcome.traces
-    again = reproduce("stated", 4, methods=("spline", "ml"), path=tmp_path / "study.parquet")
+    again = reproduce("stated", 2, methods=("spline", "ml"), path=tmp_path / "study.parquet")
     np.testing.assert_array_equal(case(1e-4, "ml", again).estimates, ours.estimates)
     assert again.seconds == outcome.seconds  # nothing was computed again
 
@@ -169,20 +168,7 @@ def test_numbers_for_machines() -> None:
     np.testing.assert_allclose(first["variance"], ((estimates - estimates.mean(axis=0)) ** 2).sum(axis=0) / 29)
 
 
-def test_the_same_seed_gives_the_same_numbers() -> None:
-    a, b = reproduce(runs=1, seed=5, methods=("raw",)), reproduce(runs=2, seed=5, methods=("filtered", "raw"))
-    estimate = case(1e-6, "raw", a).estimates
-    np.testing.assert_array_equal(estimate, case(1e-6, "raw", b).estimates[:1])
-    assert not np.array_equal(estimate, case(1e-6, "raw").estimates[:1])  # of another seed
-
-
 @pytest.mark.parametrize("seed", [-1, 2**63])
 def test_a_seed_out_of_range_is_refused(seed: int) -> None:
     with pytest.raises(ConfigError, match=f"seed is {seed}"):
         reproduce(seed=seed)
-
-
-def test_workers_get_the_motion_with_the_scenario() -> None:
-    scenario = SCENARIOS["weak"]
-    sent = pickle.loads(pickle.dumps((scenario, scenario.truth)[0]))
-    np.testing.assert_array_equal(vars(sent)["truth"].q, scenario.truth.q)  # it is not simulated again

@@ -28,16 +28,6 @@ from tests.apps.article.work import HANGS, LEVELS, SEEN, TROUBLES, Mean, Still, 
 ROOT = Path(__file__).parents[3]
 
 
-def test_one_row_per_fit() -> None:
-    table = run_study([Still()], [Mean(), Mean("second")], LEVELS, 5, seed=3)
-    assert len(table) == 2 * 2 * 5
-    assert set(table["status"]) == {"ok"}
-    assert table["value"].list.len().to_list() == [2] * 20
-    assert (table["seconds"] >= 0).all()
-    same = [table.filter(method=name)["value"].to_list() for name in ("mean", "second")]
-    assert same[0] == same[1]  # all methods see the same noise
-
-
 def test_a_failed_fit_is_a_row() -> None:
     table = run_study([Still()], [Mean(breaks_above=2.0)], LEVELS, 30)
     failed = table.filter(pl.col("status") != "ok")
@@ -82,13 +72,6 @@ class Tied:
 
     def estimate(self, recording: Recording) -> Estimate:
         return replace(Mean().estimate(recording), notes=(RankDeficient(1, 2),))
-
-
-def test_a_note_is_no_failure() -> None:
-    table = run_study([Still()], [Tied()], LEVELS, 2)
-    assert set(table["status"]) == {FitOutcome.NOTED}
-    assert set(table["reason"]) == {"RankDeficient"}
-    assert (statistics(table, 2).unsettled, statistics(table, 2).failed) == (0, 0)
 
 
 def test_what_gave_nothing_is_tried_again(tmp_path: Path) -> None:

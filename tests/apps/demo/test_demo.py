@@ -11,25 +11,17 @@ import pytest
 
 import dynident as dy
 from dynident.apps.demo import compare_with_truth, demo_files, demo_truth
-from dynident.apps.demo.arm import BASE, JOINTS, LINKS, TILT, LinkCapsule, true_model, true_values, urdf
-from dynident.apps.demo.files import SEED, fourier_motion
+from dynident.apps.demo.arm import BASE, JOINTS, LINKS, urdf
+from dynident.apps.demo.files import SEED
 from dynident.checks import check_robot
 from dynident.identification import Calibration, Identification, TimeOffset
-from dynident.models import Model, RigidBodies, consistency_violations, to_physical
+from dynident.models import Model, RigidBodies, consistency_violations
 from dynident.models.rigid_bodies import read_robot_file
 from dynident.motion.smoothers import smooth_log
 from dynident.runtime import InputError, Severity
 
 MADE = runpy.run_path(str(Path(__file__).parents[3] / "benchmarks" / "demo_files.py"))  # the files made anew
 DAYS = MADE["DAYS"]
-
-
-def test_a_ball_is_a_capsule_without_length() -> None:
-    ball = LinkCapsule((0.0, 0.0, 0.1), (0.0, 0.0, 0.1), 0.2)
-    _, centre, tensor = to_physical(ball.inertia(3.0))
-    np.testing.assert_allclose(tensor, 0.4 * 3.0 * 0.2**2 * np.eye(3))
-    np.testing.assert_allclose(centre, (0, 0, 0.1))
-    assert not list(consistency_violations(ball.inertia(3.0)))
 
 
 def test_the_robot_file_has_nothing_to_complain_of() -> None:
@@ -46,18 +38,6 @@ def test_truth_is_physical_and_5_to_15_percent_off(link) -> None:
     assert not list(consistency_violations(true))
     assert 0.05 <= abs(true[0] / drawn[0] - 1) <= 0.15
     assert np.linalg.norm(true[1:4] / true[0] - drawn[1:4] / drawn[0]) > 0.003
-
-
-def test_the_true_model_has_the_terms_that_a_draft_has_and_stands_on_a_tilted_base() -> None:
-    model, value = true_model(), true_values()
-    assert len(model.names) == len(value) == 84
-    reference = dict(zip(model.names, value, strict=True))
-    for joint in JOINTS:
-        values = (reference[f"{prefix}_{joint.name}"] for prefix in ("Ia", "Fv", "Fc", "offset"))
-        assert tuple(values) == (joint.rotor, joint.viscous, joint.coulomb, joint.offset)
-    (bodies, *_) = model.terms
-    down = np.array(bodies.gravity) / 9.81
-    assert np.degrees(np.arccos(-down[2])) == pytest.approx(np.degrees(np.hypot(*TILT)), rel=1e-3)
 
 
 SOME = 0.4  # s of a recording that a test makes anew
@@ -116,14 +96,6 @@ def test_the_torque_is_the_true_models_but_late_and_noisy(shipped: dict[str, pl.
         assert np.linalg.norm(residual(wrong)) > 1.02 * least
 
 
-def test_the_fourier_series_has_its_derivatives() -> None:
-    t, h = np.linspace(0.0, 3.0, 50), 1e-5
-    q, dq, ddq = fourier_motion(np.random.default_rng(1), DAYS[0], t)
-    (before, *_), (after, *_) = (fourier_motion(np.random.default_rng(1), DAYS[0], t + x) for x in (-h, h))
-    np.testing.assert_allclose((after - before) / (2 * h), dq, atol=1e-6)
-    np.testing.assert_allclose((after - 2 * q + before) / h**2, ddq, atol=1e-3)
-
-
 def contents(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
@@ -178,7 +150,7 @@ def identification(shipped: dict[str, pl.DataFrame]) -> Identification:
     terms = (bodies, *(term(bodies.joints) for term in (dy.RotorInertia, dy.Viscous, dy.Coulomb, dy.Offset)))
     truth = demo_truth()
     recipe = dy.Recipe(dy.Spline(), dy.LeastSquares(), time_offset=truth.time_offset, base_tilt=truth.tilt)
-    return dy.identify(Model(terms), {"monday": log_of(shipped["monday"])}, recipe=recipe)
+    return dy.identify(Model(terms), {"monday": log_of(shipped["monday"].head(3000))}, recipe=recipe)
 
 
 def test_a_fit_is_near_the_truth_and_the_file_is_not(identification: Identification) -> None:
@@ -204,12 +176,3 @@ def test_values_have_their_names_and_units(identification: Identification) -> No
     assert values["Fc_wrist_roll"].true == 0.25
     assert values["gravity, arm stretched out"].unit == "N m"
     assert len(values) == 1 + 1 + 2 * len(JOINTS)
-
-
-def test_the_truth_itself_is_no_error_away(identification: Identification) -> None:
-    exact = replace(identification, estimate=replace(identification.estimate, value=demo_truth().value))
-    compared = compare_with_truth(exact)
-    assert compared.torque_error == pytest.approx(0.0, abs=1e-9)
-    assert compared.within == compared.base == 60
-    assert all(value.estimate == value.true for value in compared.values)
-    assert not np.isclose(compared.file_error, 0.0)

@@ -87,7 +87,7 @@ def test_distances_to_obstacles_are_signed_and_point_away(body, point, distance,
 @ROBOTS
 def test_distances_are_those_found_by_searching(xml) -> None:
     space = space_of(xml)
-    q = np.random.default_rng(2).uniform(-1, 1, (40, len(space.bodies.joints)))
+    q = np.random.default_rng(2).uniform(-1, 1, (20, len(space.bodies.joints)))
     placed, shares = space.bodies.placements(q), np.linspace(0, 1, 201)[:, None]
     capsules = {capsule.link: capsule for capsule in space.capsules}
     obstacles = {obstacle.name: obstacle for obstacle in AROUND}
@@ -121,15 +121,6 @@ def test_the_derivatives_are_those_of_the_distances(xml) -> None:
     for k, unit in enumerate(np.eye(n)):
         assert slope(lambda x, unit=unit: space.distances(q + x * unit), 0.0) == pytest.approx(slopes[..., k], abs=2e-5)
     assert np.abs(slopes).max() > 0.1
-
-
-def test_many_samples_are_computed_in_blocks(monkeypatch) -> None:
-    space = space_of(ARM)
-    q = np.random.default_rng(3).uniform(-1, 1, (30, len(space.bodies.joints)))
-    distances = space.distances(q).tolist()
-    monkeypatch.setattr("dynident.apps.excitation.clearance.BLOCK", 7)
-    assert space.distances(q).tolist() == distances
-    assert space.distances(q[:0]).shape == (0, len(space.pairs))
 
 
 @ROBOTS

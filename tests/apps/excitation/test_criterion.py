@@ -6,7 +6,7 @@ import pytest
 from dynident.apps.excitation import Criterion
 from dynident.apps.excitation.criterion import INFORMATION_FLOOR, InformationCriterion, base_information
 from dynident.apps.excitation.family import ClampedSpline, Fourier
-from dynident.models import CoupledMotor, Model, RigidBodies, RotorInertia
+from dynident.models import Model, RigidBodies, RotorInertia
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.regression import structural_base_parameters
 from tests.robots import ARM, GRIPPER, joint, link, urdf
@@ -69,11 +69,6 @@ def test_derivatives_are_exact_with_a_prior_named_rows_and_weights_of_samples(ki
     assert_exact(criterion_of(model, kind, **more), *motion(model))
 
 
-def test_derivatives_of_what_couples_joints():
-    model = arm().with_terms(CoupledMotor(arm().joints, {"shoulder": 1.0, "twist": -6.0}, "motor", width=0.4))
-    assert_exact(criterion_of(model), *motion(model))
-
-
 def test_values_are_those_of_the_definitions():
     model = arm()
     functions, x = motion(model)
@@ -91,16 +86,6 @@ def test_values_are_those_of_the_definitions():
     size = np.sqrt(np.diag(M))
     condition = np.log(np.linalg.cond(M / np.outer(size, size))) / 2
     assert condition <= own[Criterion.CONDITION].value(*states) <= condition + 2 * np.log(len(M)) / 32
-
-
-def test_a_prior_is_as_if_it_had_been_recorded():
-    model = arm()
-    functions, case = motion(model)
-    other = motion(model, seed=1)[1]
-    criterion = criterion_of(model)
-    both = [np.concatenate(pair) for pair in zip(functions @ case.T, functions @ other.T, strict=True)]
-    after = criterion_of(model, prior=information(criterion, functions @ other.T))
-    assert after.value(*(functions @ case.T)) == pytest.approx(criterion.value(*both), abs=1e-4)
 
 
 @pytest.mark.parametrize("kind", Criterion)

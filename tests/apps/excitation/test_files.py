@@ -1,4 +1,4 @@
-"""Files of a designed motion: trajectories as any reader has them, and the configuration for the recordings."""
+"""Files of a designed motion: trajectories, the configuration for the recordings, and grippers, held still."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from dynident.apps.excitation.files import recording_config, sample_trajectory, 
 from dynident.apps.excitation.robot import read_excitation
 from dynident.apps.excitation.verify import LimitError
 from dynident.identification import Sources
-from dynident.project.config import parse_config
 from dynident.runtime import InputError
 from tests.apps.excitation.arms import LIMITS, TWO
 from tests.apps.excitation.test_excitation import CHANNELS, written
+from tests.robots import joint, link
 
 
 def motion(joints: tuple[str, ...] = ("lift", "bend"), period: float = 2.0) -> Trajectory:
@@ -66,19 +66,6 @@ def test_the_table_has_named_columns_in_si_units_and_the_archive_needs_no_pickle
     np.testing.assert_array_equal(archive["ddq"], motion().states(archive["t"])[2])
 
 
-def test_ros_gets_at_most_100_points_a_second_with_times_as_it_counts_them() -> None:
-    message = yaml.safe_load(trajectory_files(motion(), "motion", 1000.0, WIDE)["motion.trajectory.yaml"])
-    assert message.keys() == {"header", "joint_names", "points"}
-    assert len(message["points"]) == 201
-    point = message["points"][137]
-    assert point.keys() == {"positions", "velocities", "accelerations", "effort", "time_from_start"}
-    assert point["time_from_start"] == {"sec": 1, "nanosec": 370_000_000}
-    expected = motion().states(np.array([1.37]))[:3, 0]
-    result = [point[key] for key in ("positions", "velocities", "accelerations")]
-    np.testing.assert_allclose(result, expected, atol=1e-9)
-    assert all(isinstance(value, float) for value in point["positions"])
-
-
 def test_points_are_denser_where_the_motion_needs_it_and_a_motion_that_no_rate_plays_is_refused() -> None:
     tight = replace(WIDE, jerk=1.0001 * np.abs(motion(period=0.2).states(np.linspace(0, 0.2, 9999))[3]).max(axis=0))
     points = yaml.safe_load(trajectory_files(motion(period=0.2), "motion", 1000.0, tight)["motion.trajectory.yaml"])
@@ -102,18 +89,6 @@ def robot(tmp_path: Path) -> Path:
     path.parent.mkdir()
     path.write_text(TWO)
     return path
-
-
-def test_recordings_of_a_robot_file_alone_are_read_by_a_configuration(robot: Path, tmp_path: Path) -> None:
-    text = recording_config(read_excitation(robot, None, {"duration": 9}), tmp_path / "out")
-    assert "# ? columns and units" in text
-    config = parse_config(text, tmp_path / "out")
-    assert [spec.file[""].name for spec in (*config.train, *config.validation)] == [
-        "motion_recorded.csv", "validation_recorded.csv",
-    ]  # fmt: skip
-    assert config.min_speed == {"lift": 0.054, "bend": 0.081}
-    assert config.excitation is not None
-    assert config.excitation.duration == 9
 
 
 def test_channels_and_settings_stay_those_of_the_configuration(robot: Path, tmp_path: Path) -> None:
@@ -166,3 +141,47 @@ def test_a_model_made_in_python_has_no_configuration(robot: Path, tmp_path: Path
 
     project = read_excitation(robot)
     assert not recording_config(replace(project, prior=replace(project.prior, identification=Found())), tmp_path)
+
+
+LIMIT = '<limit effort="{}" velocity="1" lower="{}" upper="{}"/>'
+
+
+def finger(name: str, kind: str = "prismatic", mass: float = 0.02, parent: str = "lower", mimic: str = "") -> str:
+    """A light link that slides or turns, with a name that says nothing."""
+    limits = LIMIT.format(20, 0.01, 0.04) + (f'<mimic joint="{mimic}"/>' if mimic else "")
+    return link(f"{name}_link", mass, (0.02, 0, 0)) + joint(
+        name, kind, parent, f"{name}_link", (0.1, 0, 0), axis=(0, 1, 0), inside=limits
+    )
+
+
+def held(folder: Path, *parts: str, **changes: object) -> dict[str, float]:
+    (folder / "arm.urdf").write_text(TWO.replace("</robot>", "".join(parts) + "</robot>"))
+    gripper = read_excitation(folder / "arm.urdf", None, {"duration": 9, **changes}).gripper
+    return {} if gripper is None else dict(gripper.positions)
+
+
+@pytest.mark.parametrize(
+    ("parts", "positions"),
+    [
+        ((finger("x"), finger("y")), {"x": 0.01, "y": 0.01}),
+        ((finger("x", "revolute"), finger("y", "revolute")), {"x": 0.01, "y": 0.01}),
+        ((finger("x"), finger("y", mimic="x")), {"x": 0.01}),
+        ((finger("x"), finger("y"), finger("z", "revolute", parent="x_link")), {"x": 0.01, "y": 0.01, "z": 0.01}),
+        ((finger("x", mass=2.0), finger("y", mass=2.0)), {}),  # two heavy branches: not fingers
+        ((finger("gripper_finger"),), {}),  # a lone joint, whatever its name
+        ((), {}),
+    ],
+)
+def test_fingers_are_told_by_structure(tmp_path: Path, parts: tuple[str, ...], positions: dict[str, float]) -> None:
+    assert held(tmp_path, *parts) == positions
+    assert held(tmp_path, *parts, grippers=True) == {}
+
+
+def test_the_recordings_are_read_with_the_gripper_held_as_the_note_says(tmp_path: Path) -> None:
+    held(tmp_path, finger("x"), finger("y", mimic="x"))
+    project = read_excitation(tmp_path / "arm.urdf", None, {"duration": 9})
+    assert project.limits.joints == ("lift", "bend")
+    data = yaml.safe_load(recording_config(project, tmp_path))
+    assert data["model"]["lock"] == {"x": 0.01}
+    assert list(data["position"]) == ["lift", "bend"]
+    assert str(project.gripper).startswith("x: left out as joints of a gripper")

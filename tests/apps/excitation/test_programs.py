@@ -148,18 +148,6 @@ def test_where_joints_have_dry_friction_they_pass_to_and_fro_over_one_way_at_a_s
     assert signs == {True, False}
 
 
-def test_a_joint_without_dry_friction_stands_meanwhile():
-    for each in visits(gravity_pieces(ONE, (-1.0, 0.3))).values():
-        for case in each:
-            moving = np.abs(case.states(np.linspace(0.0, case.duration, 99))[1]).max(axis=0)
-            np.testing.assert_allclose(moving, [0.0, 2 * SLOW[1]], rtol=1e-6)
-
-
-def test_low_limits_of_acceleration_and_jerk_are_kept():
-    weak = replace(FREE, limits=replace(LIMITS, acceleration=LIMITS.velocity / 3, jerk=LIMITS.velocity))
-    verify(Trajectory(LIMITS.joints, gravity_pieces(weak, None, 15.0)), weak)
-
-
 def test_passing_shows_more_of_gravity_than_holding():
     """The torque at random poses at rest is expected with smaller errors after as long a program."""
     poses = FREE.random_poses(300, np.random.default_rng(3))
@@ -186,10 +174,6 @@ OPEN_SPACE = Feasibility(MODEL, THETA, LIMITS, OPEN, REQUEST.clearance)
 def pieces(program, duration, start=None, seed=0):
     request = replace(REQUEST, program=program, duration=duration, start=start)
     return slow_pieces(OPEN_SPACE, request, np.random.default_rng(seed))
-
-
-def test_the_motion_alone_has_nothing_beside_it():
-    assert pieces(Program.MOTION, 10.0) == ()
 
 
 def test_less_time_makes_fewer_speeds(monkeypatch):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from dynident.apps.excitation import Interrupted, LeftOut, Program, expected_figure
+from dynident.apps.excitation import Interrupted, LeftOut, Program
 from dynident.apps.excitation.config import NoiseOrigin
 from dynident.apps.excitation.expected_report import (
     expected_findings,
@@ -22,20 +22,12 @@ from dynident.apps.excitation.expected_report import (
 from dynident.apps.excitation.limits import JointLimits, usual_arm
 from dynident.apps.excitation.report import arm_view, excitation_findings, excitation_page, obstacle_mesh, scene_section
 from dynident.apps.excitation.run import _limits_text
-from dynident.models import Box, EmptySpace, ShapeSource
+from dynident.models import Box, EmptySpace
 from dynident.project.arms import KnownArm
 from dynident.regression import UnexcitedParameters
 from dynident.report.page import Figure
 from tests.apps.excitation.arms import TWO
 from tests.report.designs import designed
-
-
-def test_what_is_not_known_before_is_left_out() -> None:
-    figure = expected_figure(["<m>", "b"], np.array([1.0, 2.0]), 10.0, np.array([np.inf, 3.0]))
-    *_, now, then = figure.data
-    assert now["text"] == ["&lt;m&gt;", "b"]
-    assert list(then["x"]) == [3.0]
-    assert figure.layout["showlegend"]
 
 
 def test_limits_by_rule_and_beyond_the_file_are_named() -> None:
@@ -115,17 +107,6 @@ def with_shares(*percents: float):
     return replace(result, expected=replace(expected, value=value, std=std))
 
 
-def test_parameters_are_counted_by_how_well_they_will_be_known() -> None:
-    first, longer, worst, rest, *others = expected_findings(with_shares(1.0, 9.0, 25.0, 50.0, 200.0))
-    assert "5 of which have a nominal value" in first
-    assert "2 will be known well (to 10 %), 1 fairly (to 30 %) and 2 poorly" in first
-    assert "2 will be known well (to 10 %), 2 fairly (to 30 %) and 1 poorly" in longer
-    assert worst.startswith(f"The least known is {designed()[1].expected.basis.groupings[4].split(' ')[0]}")
-    assert "2.00 +- 4.0" in worst
-    assert f"The other {len(designed()[1].expected.std) - 5}, such as friction, have no nominal value" in rest
-    assert others == []
-
-
 def test_what_was_known_before_and_what_stays_open() -> None:
     result = designed()[1]
     expected = result.expected
@@ -157,19 +138,6 @@ def test_the_table_marks_what_is_open_or_has_no_value() -> None:
     assert has_value(result.expected).sum() == 1
     rounded = np.where(result.expected.value == 0, 1e-12, result.expected.value)
     assert has_value(replace(result.expected, value=rounded)).sum() == 1
-
-
-def test_what_is_known_of_the_shapes_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    project, result = designed()
-    geometry = replace(
-        project.geometry,
-        missing={"a.dae": "there is no such file."},
-        sources={0: ShapeSource.VISUAL, 1: ShapeSource.COLLISION},
-    )
-    monkeypatch.setitem(project.__dict__, "geometry", geometry)
-    (lines,) = [block for block in scene_section(project, result).blocks if isinstance(block, tuple)]
-    assert lines[0] == "Distances of lower: by capsules around their collision shapes."
-    assert lines[2] == "Meshes that could not be read: a.dae (there is no such file)."
 
 
 def test_a_model_without_bodies_has_no_view(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,11 +1,9 @@
 """The report of a fleet: figures, courses of parameters, tables and pages of any size."""
 
-import re
 from dataclasses import replace
 from datetime import datetime
 
 import numpy as np
-import polars as pl
 import pytest
 
 from dynident.apps.fleets import (
@@ -15,24 +13,20 @@ from dynident.apps.fleets import (
     Mark,
     ParameterTrend,
     Scatter,
-    pooled_figure,
     residual_groups,
     robots_figure,
     trend_figure,
 )
 from dynident.apps.fleets.changes_report import RobotTrends, change_words
 from dynident.apps.fleets.figures import MAX_POINTS, MAX_SMALL_POINTS
-from dynident.apps.fleets.report import fleet_findings, fleet_page, fleet_tables, robot_table
+from dynident.apps.fleets.report import fleet_findings, fleet_page, fleet_tables
 from dynident.models import Joint
 from dynident.regression import GroupKind
-from dynident.report.figures import BLUE
 from dynident.report.page import plotly_packed
-from dynident.runtime.jobs import Status
 from tests.kept import check_kept
 from tests.report.fleets import MEAN, NONE, PAYLOAD, RESIDUAL, SIZE, STD, change, fleet, groups, history
 
 START = datetime(2026, 1, 5)
-LOST = "1 of 201 logs has no result: 1 timed out. For example logs/late.parquet: longer than 5 s."
 
 
 def course(logs=8):
@@ -42,30 +36,6 @@ def course(logs=8):
     files, marks = [f"{k}<b>" for k in range(logs)], (Mark(3.0, "step", (2.0, 3.0)),)
     line = np.array([0.0, 3.0, 3.0, 7.0]), np.array([1.0, 1.0, 2.0, 2.0])
     return ParameterTrend("arm", "Fc", "N m", files, days, 1.0 + std * rng.standard_normal(logs), std, line, marks)
-
-
-@pytest.mark.parametrize("draw", [trend_figure, robots_figure])
-def test_plotly_accepts_all_properties_and_names_are_escaped(draw):
-    figure = draw([course(), replace(course(), name="Fv<i>", robot="arm<i>")], START).figure()
-    assert "<i>" not in str(figure.layout.annotations)
-    assert figure.data[1].text[0] == "0&lt;b&gt;"
-
-
-def test_robots_side_by_side_stand_apart_and_share_the_range_of_all():
-    robots = [replace(course(), robot=f"arm {k}", value=course().value + k, change_line=None) for k in range(10)]
-    robots[3] = replace(robots[3], marks=())
-    figure = robots_figure(robots, START)
-    assert {k for k, points in enumerate(figure.data) if points["marker"]["color"] == BLUE} == {3}  # did not change
-    layout = figure.layout
-    places = {tuple(layout[f"{axis}axis{k or ''}"]["domain"][0] for axis in "xy") for k in (0, *range(2, 11))}
-    assert len(places) == 10
-    low, high = layout["yaxis"]["range"]
-    assert low < robots[0].value.min() < robots[-1].value.max() < high
-
-
-def test_days_are_numbers_where_there_is_no_date():
-    layout = trend_figure([replace(course(), change_line=None, marks=())], None).layout
-    assert (layout["xaxis"]["type"], layout["xaxis"]["title"]["text"]) == ("linear", "day")
 
 
 def test_logs_that_do_not_show_a_parameter_are_left_out():
@@ -85,26 +55,6 @@ def test_of_many_logs_some_are_drawn(draw, most):
     assert len(points["x"]) == most
     assert points["y"][[0, -1]] == pytest.approx(test_course.value[[0, -1]], rel=1e-6)
     assert points["text"][0].startswith("0&lt;b&gt;")
-
-
-def test_an_interval_that_is_far_wider_leaves_the_panel():
-    test_course = course()
-    wild = replace(
-        test_course,
-        value=np.where(np.arange(8) == 2, 1e3, test_course.value),
-        std=np.where(np.arange(8) == 2, 1e3, test_course.std),
-    )
-    low, high = trend_figure([wild], START).layout["yaxis"]["range"]
-    assert -1 < low < high < 4
-
-
-def test_deviations_end_at_three_spreads():
-    deviation = np.array([[0.5, -9.0], [np.pi, 0.0]])
-    figure = pooled_figure(["Fv<", "Fc"], ["a", "b" * 40], deviation, [["x<", "y"], ["z", "w"]]).figure()
-    assert np.array(figure.data[0].z).tolist() == [[0.5, -3.0], [3.0, 0.0]]
-    assert figure.data[0].text[0][0] == "x&lt;"
-    assert figure.layout.xaxis.ticktext[0] == "Fv&lt;"
-    assert len(figure.layout.yaxis.ticktext[1]) == 24
 
 
 FRICTION, PAYLOADS, OFFSET = groups()[0], groups()[2], groups()[4]
@@ -157,23 +107,6 @@ def test_intervals_count_the_scatter_and_what_a_log_does_not_show_has_none():
     scatter = Scatter(tuple(np.arange(SIZE)[:, None]), covariance, 4.0, 50.0)
     std = RobotTrends(replace(test_history, information=information), (), scatter).group_trends(OFFSET)[0].std
     np.testing.assert_allclose(std, np.where(np.arange(6) == 2, np.inf, np.sqrt(4.0 + 9.0) * STD[5]), rtol=1e-8)
-
-
-def test_units_do_not_matter():
-    """Parameters in other units give the same courses, in these units."""
-    test_history = history("arm", 6)
-    scale = 10.0 ** np.arange(-4, SIZE - 4)
-    other = replace(
-        test_history, value=test_history.value * scale, information=test_history.information / np.outer(scale, scale)
-    )
-    group = replace(FRICTION, directions=scale[:, None] * FRICTION.directions)
-    for a, b in zip(
-        RobotTrends(test_history, (), None).group_trends(FRICTION),
-        RobotTrends(other, (), None).group_trends(group),
-        strict=True,
-    ):
-        np.testing.assert_allclose(a.std, b.std)
-        np.testing.assert_allclose(a.value, b.value)
 
 
 def test_a_residual_is_drawn_as_a_torque():
@@ -233,48 +166,6 @@ def test_torque_that_the_model_leaves_is_worded_with_what_to_do_and_drawn(fleet_
     assert "+50.0 +- 3.0 %" in str(fleet_tables(made)[0].rows)
 
 
-def test_robots_with_changes_come_first_and_then_those_whose_logs_fail():
-    rows = [
-        {"robot": robot, "status": status, "type": "", "error": 1.0, "date": None}
-        for robot, status in (("a", Status.OK), ("b", Status.FAILED), ("c", Status.OK))
-    ]
-    assert [row[0] for row in robot_table(rows, {"c": 1}, 9).rows] == ["c", "b", "a"]
-
-
-def test_a_quiet_fleet():
-    quiet = fleet(changed=0)
-    assert fleet_findings(quiet)[0] == "No change is found on 10 robots."
-    page = own(fleet_page(quiet))
-    assert "no change" in page
-    assert "Robots that changed" not in page
-    assert len(fleet_tables(quiet)) == 2
-    unknown = replace(quiet, changes=())
-    assert fleet_findings(unknown) == [LOST]
-    assert "too few logs to say" in fleet_page(unknown)
-
-
-def test_a_fleet_without_any_result_has_a_page(fleet_result):
-    schema = fleet_result.rows.schema
-    rows = fleet_result.rows.with_columns(
-        *(
-            pl.lit(text).alias(name)
-            for name, text in (("status", Status.FAILED.value), ("reason", "no column 'q1'"), ("folder", ""))
-        ),
-        *(pl.lit(None).cast(schema[name]).alias(name) for name in ("error", "errors", "verdict", "date")),
-    )  # fmt: skip
-    page = own(fleet_page(replace(fleet_result, rows=rows, histories=(), changes=(), pooled={}, start=None)))
-    assert "201 of 201 logs have no result" in page
-    assert 'class="plot"' not in page
-
-
-def test_types_are_drawn_apart(fleet_result):
-    names = fleet_result.types["ur10"]
-    page = own(fleet_page(replace(fleet_result, types={"ur10": names[:6], "ur5": names[6:], "none": ("gone",)})))
-    assert re.findall(r'<div class="choices" role="group" aria-label="(.*?)"', page) == ["type", "group"]
-    assert re.findall(r"<button.*?>(ur.*?)</button>", page) == ["ur10", "ur5"]
-    assert page.count('<div class="view"') == 2 * len(fleet_result.groups)
-
-
 @pytest.mark.parametrize(("robots", "logs"), [(10, 260), (500, 6)])
 def test_a_page_of_thousands_of_logs_stays_small_and_says_what_it_leaves_out(robots, logs):
     page = own(fleet_page(fleet(robots, logs)))
@@ -284,13 +175,6 @@ def test_a_page_of_thousands_of_logs_stays_small_and_says_what_it_leaves_out(rob
     if robots == 500:
         assert "Drawn are 48 of 500 robots" in page
         assert "of the first 300 robots" in page
-
-
-def test_types_share_the_room_for_robots_side_by_side():
-    made = fleet(60, 8)
-    names = made.types["ur10"]
-    page = own(fleet_page(replace(made, types={"ur10": names[:30], "ur5": names[30:]})))
-    assert "Drawn are 48 of 60 robots" in page
 
 
 def test_many_changes_are_counted_and_few_are_drawn():

@@ -1,4 +1,4 @@
-"""Channels guessed from names and values."""
+"""Channels guessed from names and values, commands by name, and servos by the actuators of an MJCF."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dynident.apps.init.column_mapping import map_columns
-from dynident.apps.init.match import ColumnFamily, MovableJoint, match_family
+from dynident.apps.init.match import ColumnFamily, Match, MovableJoint, match_family
+from dynident.apps.init.servo_draft import ServoProposal, command_columns, servos_of_file
 from dynident.files.tables import DataTable
 from dynident.models.robot_files import RobotJointLimits
 
@@ -48,13 +49,6 @@ def test_columns_are_matched_by_name_then_number_then_order(joints, columns, sta
     assert match_family(ColumnFamily("position", 0, columns), joints, stated).columns == matched
 
 
-def test_torques_of_some_joints_are_those_of_the_positions_with_their_numbers() -> None:
-    """As where a column is missing, or holds a text in some row."""
-    mapping = map_columns(table(**signals(torque=("tau2",))), ARM)
-    assert {name: channel.column for name, channel in mapping.torque.items()} == {"elbow": "tau2"}
-    assert mapping.position["elbow"].column == "q2"
-
-
 def signals(position=("q1", "q2"), torque=("tau1", "tau2"), size=1.0, peak=20.0):
     return {
         **{name: wave(size, k) for k, name in enumerate(position)},
@@ -82,13 +76,6 @@ def test_joints_are_matched_by_name_or_number(joints, position, torque, order):
     mapping = map_columns(table(**signals(position, torque)), joints)
     assert chosen(mapping) == [names[k] for names in (position, torque) for k in order]
     assert not any(questions(mapping))
-
-
-def test_joints_matched_by_order_are_asked_about():
-    for joints, names in ((ARM, ("q1", "q2")), (NUMBERED, ("q[0]", "q[1]"))):
-        mapping = map_columns(table(**signals(names)), joints)
-        assert chosen(mapping)[:2] == list(names)
-        assert "is this order right?" in mapping.position[joints[0].name].question
 
 
 def test_measured_columns_are_preferred():
@@ -367,3 +354,40 @@ def test_a_clock_of_any_name_is_found_where_it_is_the_only_one():
     dates = DataTable({"Datum": T + 43200, **signals()}, {}, "a.csv", units={"Datum": "s"})
     time = map_columns(dates, NUMBERED).time
     assert (time.column, time.unit, time.question) == ("Datum", "s", "")
+
+
+JOINTS = [MovableJoint("pan", "revolute"), MovableJoint("lift", "revolute")]
+SPELLINGS = {
+    "cmd_pan cmd_lift": ("pos_pan", "pos_lift"),
+    "action.pan.pos action.lift.pos": ("observation.state.pan.pos", "observation.state.lift.pos"),
+    "q_des1 q_des2": ("q1", "q2"),
+    "target_position_pan target_position_lift": ("position_pan", "position_lift"),
+    "goalLift goalPan": ("pan", "lift"),
+}
+
+
+@pytest.mark.parametrize(("commands", "positions"), SPELLINGS.items())
+def test_commands_are_found_by_name(commands: str, positions: tuple[str, str]) -> None:
+    names = [*positions, *commands.split(), "dq_cmd_pan", "dq_cmd_lift"]
+    table = DataTable({name: np.arange(5.0) for name in names}, {}, "log")
+    match = Match(ColumnFamily("position", 0, {}), dict(zip(("pan", "lift"), positions, strict=True)), "")
+    result = command_columns(table, JOINTS, match)
+    assert set(result.values()) == set(commands.split())
+    assert list(result) == (["lift", "pan"] if commands.startswith("goalLift") else ["pan", "lift"])
+
+
+def test_commands_of_some_joints_are_no_servo_log() -> None:
+    table = DataTable({name: np.arange(5.0) for name in ("pos_pan", "pos_lift", "cmd_pan")}, {}, "log")
+    match = Match(ColumnFamily("position", 0, {}), {"pan": "pos_pan", "lift": "pos_lift"}, "")
+    assert command_columns(table, JOINTS, match) == {}
+    assert command_columns(table, JOINTS, None) == {}
+
+
+def test_servos_are_those_of_the_actuators(tmp_path) -> None:
+    (tmp_path / "arm.xml").write_text(
+        '<mujoco><default><position kp="5" kv="0.5"/></default><worldbody><body><joint name="pan"/><geom size="0.1"/>'
+        '<body><joint name="lift"/><geom size="0.1"/></body></body></worldbody><actuator>'
+        '<position name="p" joint="pan" gear="2" forcerange="-3 4"/><motor joint="lift"/></actuator></mujoco>'
+    )
+    servos = servos_of_file(str(tmp_path / "arm.xml"), JOINTS)
+    assert servos == {"pan": ServoProposal(20.0, 2.0, 6.0, "p"), "lift": ServoProposal(torque_unit="N m")}

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from dynident.apps.init.column_mapping import map_columns
 from dynident.apps.init.config_draft import LogSource, draft_config, read_source
 from dynident.apps.init.match import MovableJoint, read_joints
+from dynident.cli.identification import draft_from_files
 from dynident.files.tables import DataTable
 from dynident.models.robot_files import RobotJointLimits
 from dynident.project.arms import KnownArm
@@ -23,6 +24,8 @@ from dynident.project.shortcuts import read_robot
 from dynident.runtime import InputError
 from tests.apps.excitation.arms import TWO
 from tests.cli.commands import refuse, run, succeed
+from tests.identification.test_base_tilt import ARM as LINK_ARM
+from tests.identification.test_base_tilt import tilted
 from tests.kept import check_kept
 from tests.robots import joint, link, urdf
 
@@ -320,17 +323,6 @@ def record_currents(folder: Path, name: str, phase: float) -> Path:
     return folder / name
 
 
-def test_what_concerns_all_joints_is_asked_once_beside_what_concerns_a_single_joint(tmp_path: Path) -> None:
-    """A column of order 0 and 1, of which one hardly moves."""
-    positions = {"q_0": np.cos(2 * T), "q_1": 0.009 * np.sin(3 * T)}
-    named = {name: None for name in SOUND if "." in name}
-    log = write(tmp_path / "a.csv", **named, **positions, tau_0=20 * np.cos(2 * T), tau_1=9 * np.sin(3 * T))
-    (tmp_path / "arm.urdf").write_text(ARM)
-    output = succeed("init", tmp_path / "arm.urdf", log, "-o", tmp_path / "c.yaml").output
-    assert output.count("is this order right?") == 2
-    assert "position.elbow: the joint moves by only 0.018" in output
-
-
 @pytest.mark.parametrize("mass", [1.0, 2.0])
 def test_gains_are_proposed_with_a_question(tmp_path: Path, mass: float) -> None:
     """The assumption is what it says: gains go with the masses."""
@@ -352,3 +344,30 @@ def test_without_masses_the_gains_are_to_be_filled_in(tmp_path: Path) -> None:
     done = succeed("init", bare, log, "-o", tmp_path / "c.yaml")
     assert re.search(r"the gains: torque constant times gear ratio.*\(gravity and inertia", done.output)
     assert "# lift: { column: lift_current, gain: ," in (tmp_path / "c.yaml").read_text()
+
+
+WIDE_LIMIT = '<limit lower="-3" upper="3" velocity="20" effort="100"/>'
+
+
+@pytest.mark.parametrize(("turn", "gravity"), [(0.0, None), (np.pi / 2, (0.0, -9.81, 0.0))], ids=["floor", "wall"])
+def test_gravity_is_drafted_with_a_question_where_the_torques_decide_it(
+    tmp_path: Path, turn: float, gravity: tuple[float, float, float] | None
+) -> None:
+    # limits that the motion keeps, so that units are certain
+    (tmp_path / "arm.urdf").write_text(re.sub(r"<limit[^>]*>", WIDE_LIMIT, LINK_ARM))
+    _, motion = tilted(turn, 0.0)
+    names = [f"{kind}_{name}" for kind in ("pos", "torque") for name in motion.joints]
+    rows = np.column_stack([motion.t, motion.q, motion.tau])
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header=",".join(["t", *names]), comments="")
+    draft, _ = draft_from_files(str(tmp_path / "arm.urdf"), [str(tmp_path / "run.csv")], tmp_path)
+    written = yaml.safe_load(draft.text)["model"].get("gravity")
+    asked = [question for question in draft.questions if question.startswith("model.gravity")]
+    if gravity is None:
+        assert written is None
+        assert not asked
+    else:
+        assert written == list(gravity)
+        (question,) = asked
+        assert "Is the robot on a wall or ceiling" in question
+        (tmp_path / "arm.yaml").write_text(draft.text.replace("terms: auto", "terms: [viscous]"))
+        assert "mounted" not in succeed("identify", tmp_path / "arm.yaml").output

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynident.apps.init.column_mapping import ColumnMapping, map_columns
 from dynident.apps.init.match import MovableJoint
-from dynident.apps.init.shape_match import _is_reachable, match_by_shape
+from dynident.apps.init.shape_match import match_by_shape
 from dynident.files.tables import DataTable
 from dynident.models.robot_files import RobotJointLimits
 
@@ -174,15 +174,6 @@ def test_the_smoothest_block_has_the_positions_whatever_the_unit_of_the_others(u
     assert position is not None
     assert list(position.columns.values()) == [str(k) for k in range(7, 13)]
     assert torque is None
-
-
-@pytest.mark.parametrize(("kind", "unit"), [("revolute", 180 / np.pi), ("prismatic", 1000.0)])
-def test_columns_within_a_tenth_more_than_the_range_can_be_positions(kind: str, unit: float) -> None:
-    joints = [MovableJoint("a", kind, RobotJointLimits(lower=-1.0, upper=1.0))]
-    for span, can_be in ((2.19, True), (2.21, False)):
-        column = np.array([[0.0], [span]])
-        assert _is_reachable(joints, column) is can_be
-        assert _is_reachable(joints, unit * column, degrees=True) is can_be
 
 
 def test_columns_matched_by_their_values_have_the_units_of_their_names() -> None:

@@ -64,17 +64,6 @@ def test_an_encoder_that_freezes_is_seen_within_a_tenth_of_a_second() -> None:
     assert rows[END + 10 :].all()
 
 
-def test_a_position_that_does_not_change_while_another_does_is_said() -> None:
-    """A coarse encoder at a slow joint stops as one that comes to rest."""
-    q, tau = recorded(2 * np.pi / 2**10)
-    q[BEGIN:END, 1] = q[BEGIN, 1]
-    fault, _, rows = fault_seen(q, tau)
-    assert fault.kind is FaultKind.STILL
-    assert START + 5 <= fault.time < START + 9
-    assert not rows[round(fault.time * RATE) + 1 : END].any()
-    assert rows[:BEGIN].all()
-
-
 @pytest.mark.parametrize("signal", list(Signal))
 def test_no_numbers_are_seen_after_three_samples(signal: Signal) -> None:
     q, tau = recorded()
@@ -99,14 +88,6 @@ def test_a_joint_that_is_known_to_rest_is_not_still_until_it_moved_again() -> No
     assert result.rows.all()
     assert len(result.rows) == len(T) - end
     assert not sensors.excused.any()
-
-
-def test_a_single_missing_number_is_only_left_out() -> None:
-    q, tau = recorded()
-    tau[[0, BEGIN], 0] = np.nan
-    events, rows = seen(q, tau)
-    assert events == []
-    assert np.flatnonzero(~rows).tolist() == [0, BEGIN]
 
 
 @pytest.mark.parametrize("fine", [0.0, 1e-6])

@@ -9,7 +9,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import closing, nullcontext
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -173,15 +172,6 @@ def test_names_stand_below_a_title(tmp_path: Path) -> None:
 def test_stamps_are_those_of_logs(tmp_path: Path, day: str) -> None:
     result = reader(tmp_path).push([HEAD, *(f"{day}23:59:{s},1,1,1,1," for s in ("59.5", "59.75"))])
     np.testing.assert_allclose(result.t, [86_399.5, 86_399.75])
-
-
-def test_a_saved_reader_goes_on(tmp_path: Path) -> None:
-    first, second = reader(tmp_path), reader(tmp_path)
-    first.push([HEAD, ROWS[0]])
-    state: dict[str, Any] = json.loads(json.dumps(first.state))
-    second.restore(state)
-    assert second.push([ROWS[1].replace("1.5,1.0", "1.5,oops")]).t.tolist() == [0.01]
-    assert second.line == 3
 
 
 @pytest.fixture

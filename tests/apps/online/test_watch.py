@@ -191,22 +191,6 @@ def test_bad_lines_that_follow_each_other_are_one_event(tmp_path: Path) -> None:
     assert [row["event"] for row in rows] == ["BadLines", "Gap", "BadLines"]
 
 
-def test_a_save_writes_what_is_new_and_keeps_one_event(tmp_path: Path) -> None:
-    log, path = EventLog(), tmp_path / "out" / EVENTS
-    with result_folder(tmp_path / "out") as folder:
-        for k in range(20):
-            log.add(Gap(float(k), 4.0))
-            log.write(folder)
-        first = path.read_text().splitlines(keepends=True)[0]
-        with open(path, "r+") as file:
-            file.write("x" * len(first.strip()))  # not written again
-        log.add(Gap(20.0, 4.0))
-        log.write(folder)
-    assert path.read_text().startswith("xxx")
-    assert len(path.read_text().splitlines()) == 21
-    assert len(str(log)) < 200
-
-
 @pytest.mark.parametrize("harm", ["lines of a killed watch", "shortened", "deleted"])
 def test_a_log_goes_on_where_its_state_ends(tmp_path: Path, harm: str) -> None:
     log = EventLog()

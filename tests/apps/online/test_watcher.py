@@ -129,15 +129,6 @@ def test_samples_that_come_again_are_left_out() -> None:
     same_scores(first.knowledge.windows, second.knowledge.windows)
 
 
-def test_a_dead_encoder_is_said_at_once_and_the_watch_goes_on() -> None:
-    test_watcher = watcher(30)
-    t, q, tau = samples(30, 40)
-    q[500:700] = q[500]
-    assert types(test_watcher.push(t, q, tau)) == [Fault, Back]
-    assert test_watcher.push(*samples(40, 60)) == ()
-    assert Changed in types(test_watcher.push(*samples(60, 75, rub=1.5)))
-
-
 def test_an_arm_at_rest_says_nothing() -> None:
     test_watcher = watcher(30)
     t, q, tau = samples(30, 60)

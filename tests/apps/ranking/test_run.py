@@ -1,6 +1,5 @@
 """A comparison from a configuration to its ranking: what takes part, what fails, what is kept."""
 
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,16 +12,15 @@ from dynident.apps.ranking import CombinationOutcome, Ranking, compare
 from dynident.apps.ranking.config import estimator_candidates, smoother_candidates
 from dynident.apps.ranking.report import ranking_findings
 from dynident.apps.ranking.run import _unfinished_row
-from dynident.apps.ranking.task import find_common_samples, restore_alignment
+from dynident.apps.ranking.task import find_common_samples
 from dynident.estimators import LinearEstimator
-from dynident.identification import TimeOffset
 from dynident.models.lagrangian import slider
 from dynident.motion.smoothers import TimeShifted
 from dynident.project.config import parse_config
 from dynident.project.settings import Config
 from dynident.runtime import ConfigError, InputError, Step, progress_to
 from dynident.runtime.families import ESTIMATORS, SMOOTHERS
-from dynident.runtime.jobs import JobResult, Limits, Status
+from dynident.runtime.jobs import JobResult, Status
 from tests.apps.ranking.made import (
     CONFIG,
     Counting,
@@ -243,13 +241,6 @@ def test_a_substitute_of_a_smoother_is_told_and_has_the_same_parameters(project:
     assert case.error > 1.1 * central.error
 
 
-def test_where_no_smoother_works_the_reason_is_said(project: Path) -> None:
-    config, made = project.with_name("stuck.yaml"), Path(__file__).with_name("made.py")
-    config.write_text(project.read_text().replace("{ kind: spline }", f"{{ kind: '{made}:Stuck' }}"))
-    with pytest.raises(InputError, match="monday: nothing is smooth enough"):
-        compare(config, smoothers=[], estimators=[], folds=0)
-
-
 def test_without_a_held_out_log_the_training_ranks(tmp_path: Path) -> None:
     config = make_project(tmp_path, held_out=False)
     comparison = compare(config, **FEW)
@@ -322,19 +313,6 @@ def test_estimators_with_the_same_rows_share_them_and_each_counts_their_seconds(
     assert all(row.seconds_estimate > 0 and row.seconds_validation > 0 for row in both.standings)
 
 
-def test_a_limit_holds_for_each_combination(project: Path, tmp_path: Path) -> None:
-    steps = list[Step]()
-    with progress_to(lambda step: steps.append(Step.of(step))):
-        compare(project, **FEW, limits=Limits(seconds=60.0))
-    assert max(step.total or 0 for step in steps if step.words == "estimating") == 4
-
-
-def test_any_executor_gives_the_same_rows(project: Path, arm_ranking: Ranking) -> None:
-    with ThreadPoolExecutor(2) as executor:
-        spread = compare(project, **FEW, executor=executor)
-    assert numbers(spread) == numbers(arm_ranking)
-
-
 def test_a_folder_with_inputs_or_another_report_is_left_alone(project: Path, tmp_path: Path) -> None:
     (tmp_path / "report.html").write_text("mine")
     with pytest.raises(ConfigError, match="is the report of another command"):
@@ -370,18 +348,3 @@ def test_a_smoother_that_keeps_half_of_what_most_do_is_compared(kept: int, left_
     common = find_common_samples(SimpleNamespace(motions=motions), masks)
     assert set(common.excluded) == ({"c"} if left_out else set())
     assert common.kept_shares == {"a": 100.0, "b": 100.0} | ({} if left_out else {"c": 50.0})
-
-
-@pytest.mark.parametrize(
-    ("shift", "seconds", "offset"),
-    [
-        ((), 0.3, None),
-        ((0.01, 4.0, 3.0), 0.01, TimeOffset(0.01, 4.0, 3.0)),
-        ((0.01, 4.0, 3.0, 2e-4), 0.01, TimeOffset(0.01, 4.0, 3.0, 2e-4)),
-    ],
-)
-def test_a_row_has_the_time_offset_of_its_smoother(
-    shift: tuple[float, ...], seconds: float, offset: TimeOffset | None
-) -> None:
-    alignment = restore_alignment(TimeShifted(dy.Difference(), 0.2), shift, 0.3)
-    assert (alignment.smoother, alignment.time_offset) == (TimeShifted(dy.Difference(), seconds), offset)

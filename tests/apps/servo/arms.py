@@ -52,7 +52,7 @@ def motor_mjcf(table: dict[str, tuple[float, ...]], gear: float = 1.0) -> str:
     return text.replace('joint="elbow" force', f'joint="elbow" gear="{gear}" force')
 
 
-def torque_recording(seed: int = 1, duration: float = 4.0, delay: float = 0.012) -> ServoLog:
+def torque_recording(seed: int = 1, duration: float = 3.0, delay: float = 0.012) -> ServoLog:
     """What the log of that arm has where a computer commands torques each 10 ms, which come late."""
     t, target, _ = servo_recording(seed, duration)
     data = mujoco.MjData(mujoco.MjModel.from_xml_string(motor_mjcf(TRUE_VALUES)))

@@ -1,35 +1,45 @@
-"""The fit: known answers on a small arm, with their errors, a wrong kp, an unknown one, and a servo that diverges."""
+"""The fit: known answers with their errors, a wrong kp, an unknown one, a servo that diverges, and backlash."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
-from dynident.apps.demo.servo_arm import COUNT, FILE_VALUES, KP, LIMIT, SERVO_JOINTS, TRUE_DELAY
+from dynident.apps.demo.servo_arm import (
+    COUNT,
+    FILE_VALUES,
+    KP,
+    LIMIT,
+    LOG_EVERY,
+    SERVO_JOINTS,
+    TRUE_DELAY,
+    TRUE_VALUES,
+    servo_files,
+    servo_mjcf,
+    servo_recording,
+)
+from dynident.apps.servo.backlash import Backlash, find_backlash
 from dynident.apps.servo.fit import fit_values, suspect_entries
-from dynident.apps.servo.judge import ServoUse, position_noise, roll_out, verdict_of
-from dynident.apps.servo.run import _fit_warnings, _spaced, choose_fit
+from dynident.apps.servo.judge import ServoUse, position_noise, roll_out
+from dynident.apps.servo.plant import ServoLog
+from dynident.apps.servo.robot import load_plant
+from dynident.apps.servo.run import choose_fit
 from dynident.apps.servo.start import smooth_servo_log, start_values
 from dynident.apps.servo.values import Entry, Quantity
 from dynident.project.drive_settings import ServoSettings
 from dynident.runtime import InputError, ModelError
-from tests.apps.servo.arms import ENTRIES, plant, recording, values
+from tests.apps.servo.arms import ENTRIES, SETTINGS, plant, recording, values
+from tests.cli.commands import succeed
 
 
 @pytest.fixture(scope="module")
 def motion():
     return smooth_servo_log(recording())
-
-
-def test_commands_are_spaced_as_the_positions_of_their_rows() -> None:
-    even = 0.01 * np.arange(20)
-    jitter = 0.002 * np.sin(np.arange(20.0))
-    spaced = _spaced(even + jitter, even[4:12])
-    np.testing.assert_array_equal(spaced[4:12], even[4:12])
-    np.testing.assert_array_equal(np.delete(spaced, range(4, 12)), np.delete(even + jitter, range(4, 12)))
-    np.testing.assert_array_equal(_spaced(even + 3 * jitter, even[4:12]), np.sort(even + 3 * jitter))
 
 
 def test_values_and_delay_are_found_within_their_errors(motion) -> None:
@@ -70,14 +80,6 @@ def test_a_rest_and_a_simulation_that_diverges_are_said(motion) -> None:
         fit_values(plant(), [motion], replace(values(), kp=np.full(3, np.nan)), ENTRIES)
 
 
-def test_noise_of_counts_and_verdicts() -> None:
-    rng = np.random.default_rng(1)
-    smooth = np.sin(np.linspace(0, 30, 3000))[:, None]
-    assert position_noise(np.round(smooth / 0.002) * 0.002)[0] == pytest.approx(0.002 / np.sqrt(12), rel=0.3)
-    assert position_noise(smooth + 1e-3 * rng.standard_normal(smooth.shape))[0] == pytest.approx(1e-3, rel=0.1)
-    assert verdict_of([]) is None
-
-
 def settings_of(kp: float = KP, **changes: object) -> ServoSettings:
     """The servos of the arm, that of the shoulder with this kp, and changes."""
     servo = {"command": {"column": "x", "unit": "rad"}, "kp": KP, "limit": LIMIT}
@@ -108,30 +110,86 @@ def test_commands_are_held_or_interpolated_as_the_log_says() -> None:
     assert fit.values.delay == TRUE_DELAY
 
 
-def test_friction_that_was_driven_to_zero_comes_back(motion) -> None:
-    zero = replace(values(), frictionloss=np.array([1e-8, 0.06, 1e-8]))
-    fit = fit_values(plant(), [motion], zero, ENTRIES)
-    assert fit.converged
-    assert fit.values.frictionloss == pytest.approx(values().frictionloss, rel=0.02)
+FINE_STEP, SIZE = 1e-3, 0.02  # s, rad
 
 
-def test_a_search_that_ends_away_from_the_minimum_has_not_converged(motion, monkeypatch) -> None:
-    far = replace(values(), damping=2 * values().damping)
-    monkeypatch.setattr("dynident.apps.servo.fit.MAX_REFUSALS", 0)  # each step is refused
-    fit = fit_values(plant(), [motion], far, ENTRIES)
-    assert fit.values.damping == pytest.approx(far.damping)
-    assert not fit.converged
-    assert "the search has not converged" in " ".join(_fit_warnings(fit, plant()))
+def slack_recording(seed: int, k: int, output: bool, duration: float = 3.0, stiffness: float = 0.0) -> ServoLog:
+    """The demo's arm with a gap or spring behind the motor of joint k, simulated in finer steps than the fit has."""
+    t, command, _ = servo_recording(seed, duration)
+    gap = f'<joint name="gap" axis="{"0 0 1" if k == 0 else "0 1 0"}" range="{-SIZE / 2} {SIZE / 2}" limited="true" '
+    gap += 'solreflimit="0.002 1" solimplimit="0.99 0.999 0.001"/>'
+    if stiffness:
+        gap = f'<joint name="gap" axis="{"0 0 1" if k == 0 else "0 1 0"}" stiffness="{stiffness}" damping="0.02"/>'
+    text = servo_mjcf(TRUE_VALUES).replace('timestep="0.002"', f'timestep="{FINE_STEP}"')
+    head, name, tail = text.partition(f'name="{SERVO_JOINTS[k]}" axis')
+    end = tail.index("/>") + 2
+    model = mujoco.MjModel.from_xml_string(head + name + tail[:end] + gap + tail[end:])
+    data, place = mujoco.MjData(model), model.joint("gap").qposadr[0]
+    motors = [model.joint(x).qposadr[0] for x in SERVO_JOINTS]
+    data.qpos[motors] = command[0]
+    every, delayed = LOG_EVERY * 2, round(TRUE_DELAY / FINE_STEP)
+    q = np.empty(command.shape)
+    for i in range(len(t) * every):
+        seen = data.qpos[motors]
+        seen[k] += output * data.qpos[place]
+        if i % every == 0:
+            q[i // every] = seen
+        data.ctrl[:] = command[max(i - delayed, 0) // every] - (seen - data.qpos[motors])
+        mujoco.mj_step(model, data)
+    return ServoLog("slack", t, np.round(q / COUNT) * COUNT, t, command)
 
 
-def test_what_a_search_drives_to_zero_is_named() -> None:
-    motion = smooth_servo_log(recording(duration=2.0))
-    # a servo that already damps more than the arm does leaves less than none to the joint
-    stiff = replace(values(), kd=np.array([0.0, 1.0, 0.0]))
-    fit = fit_values(plant(), [motion], stiff, ENTRIES)
-    assert Entry(Quantity.DAMPING, 1) in fit.vanished
-    assert "damping of shoulder is driven to zero" in " ".join(_fit_warnings(fit, plant()))
+def gaps_of(log: ServoLog) -> tuple[Backlash, ...]:
+    """What is found in a recording."""
+    motion = smooth_servo_log(log)
+    fit = fit_values(plant(), [motion], values(), ENTRIES)
+
+    def load(ks):
+        return load_plant(SETTINGS, servo_mjcf(FILE_VALUES), SERVO_JOINTS, "x", [SERVO_JOINTS[k] for k in ks])
+
+    return find_backlash(load, [motion], fit, position_noise(log.q))
 
 
-def test_a_delay_grows_to_a_second_at_most() -> None:
-    assert values().moved([Entry(Quantity.DELAY, 0)], [94.0]).delay == 1.0
+@pytest.mark.parametrize(("k", "output"), [(1, True), (0, False)])
+def test_a_gap_is_found_with_joint_size_and_side(k: int, output: bool) -> None:
+    (gap,) = gaps_of(slack_recording(1, k, output))
+    assert (gap.k, gap.output) == (k, output)
+    assert gap.size == pytest.approx(SIZE, rel=0.2)
+
+
+def noisy(log: ServoLog) -> ServoLog:
+    noise = 2e-3 * np.random.default_rng(1).standard_normal(log.q.shape)
+    return ServoLog("noisy", log.t, log.q + noise, log.t, log.command)
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        lambda: recording(1),
+        lambda: noisy(recording(3)),
+        lambda: slack_recording(1, 1, output=False, stiffness=15.0),
+    ],
+    ids=["right", "noise", "a spring behind a motor"],
+)
+def test_of_other_arms_no_gap_is_said(record: Callable[[], ServoLog]) -> None:
+    assert gaps_of(record()) == ()
+
+
+def test_backlash_is_in_verdict_warnings_and_numbers(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    _, *logs = servo_files(tmp_path, 3.0)
+    for seed, path in enumerate(logs, start=1):
+        log = slack_recording(seed, 2, output=True)
+        rows = np.column_stack([log.t, log.command, log.q])
+        np.savetxt(path, rows, delimiter=",", header=path.read_text().splitlines()[0], comments="")
+    succeed("init", "servos.xml", "monday.csv", "tuesday.csv", "-o", "arm.yaml")
+    drafted = (tmp_path / "arm.yaml").read_text()
+    (tmp_path / "arm.yaml").write_text(drafted.replace("commands: estimate", "commands: held"))
+    words = " ".join(succeed("identify", "arm.yaml", "--out", "out").output.split())
+    assert "joint 'elbow' has about" in words
+    assert "good for simulation" not in words
+    assert "Backlash of elbow is not in the model" in words
+    numbers = json.loads((tmp_path / "out" / "servo.json").read_text())
+    (gap,) = numbers["backlash"]
+    assert (gap["joint"], gap["at"]) == ("elbow", "output")
+    assert gap["size"] == pytest.approx(SIZE, rel=0.2)

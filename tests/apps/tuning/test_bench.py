@@ -1,7 +1,6 @@
 """Any tuning of logs and a model: what is quick agrees with what is whole, and odd logs do no harm."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from importlib import import_module
 
@@ -9,17 +8,14 @@ import numpy as np
 import pytest
 
 from dynident.apps.tuning import Bench, QuickFit, Tuning, curve
-from dynident.apps.tuning.curve import MIN_DEGREE, degree_of
-from dynident.apps.tuning.quick_fit import fold_factors
 from dynident.estimators import LeastSquares, PhysicallyConsistent
-from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.estimators.notes import MotionCorrected
 from dynident.identification import Identification, Recipe, choose_smoother, identify
 from dynident.models.lagrangian import slider
 from dynident.motion.smoothers import Butterworth, Spline
 from dynident.motion.smoothers.spline import NOISE_FACTORS
 from dynident.motion.splines import GCV
-from dynident.regression import ParallelFilter, Regression, Selection, UnexcitedParameters, merge_factors
+from dynident.regression import ParallelFilter
 from dynident.runtime import ConfigError, InputError
 from tests.apps.tuning.arms import JOINTS, MODEL, RATE, bench, logs, recording, with_terms
 
@@ -40,12 +36,6 @@ def test_the_residual_of_the_right_smoothing_is_white_of_the_noise(arm: Bench) -
     assert 2 < motion.edf < len(motion.t)
 
 
-def test_no_noise_has_no_degree() -> None:
-    assert degree_of(np.zeros(5), 1e-3) == MIN_DEGREE
-    assert degree_of(np.ones(5), 0.0) == MIN_DEGREE
-    assert degree_of(np.full(5, 0.1), 0.1) == pytest.approx(0.0)
-
-
 def test_it_is_the_error_by_which_a_smoother_is_chosen(arm: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(curve, "DEGREES", tuple(2 * np.log10(x) for x in NOISE_FACTORS[:6]))
     monkeypatch.setattr(curve, "ROWS", 10_000)
@@ -55,18 +45,6 @@ def test_it_is_the_error_by_which_a_smoother_is_chosen(arm: Bench, monkeypatch: 
     np.testing.assert_allclose(test_curve.errors, choice.errors, rtol=1e-6)
     assert isinstance(choice.smoother, Spline)
     assert test_curve.marks["torque"] == pytest.approx((2 * np.log10(choice.smoother.factor),) * 3)
-
-
-def test_marks_are_what_rules_choose(arm: Bench) -> None:
-    test_curve = arm.curve(arm.start)
-    assert test_curve.marks["S = n"] == (0.0,) * 3
-    assert np.abs(test_curve.marks["GCV"]).max() < 0.2
-    assert (
-        -0.7 < min(test_curve.marks["REML"]) <= max(test_curve.marks["REML"]) < 0.0
-    )  # its prior is rougher than sines
-    assert test_curve.joint is None
-    assert (np.diff(test_curve.degrees) > 0).all()
-    assert test_curve.errors[0] > test_curve.errors.min() < test_curve.errors[-1]
 
 
 def test_a_joint_alone_moves_alone(arm: Bench) -> None:
@@ -79,24 +57,6 @@ def test_a_joint_alone_moves_alone(arm: Bench) -> None:
     assert arm.curve(tuning) is arm.curve(arm.start)
     with pytest.raises(ConfigError, match="there is no joint 'knee'"):
         arm.curve(tuning, "knee")
-
-
-def test_wide_kernels_leave_the_curve_of_a_short_log() -> None:
-    on = bench(logs(recording(1, 1.5)))
-    test_curve = on.curve(on.start)
-    assert test_curve.degrees[-1] < max(curve.DEGREES)
-
-
-def test_folds_together_are_all_samples() -> None:
-    motions = tuple(Spline()(recording(seed, 3.0)) for seed in (1, 2))
-    regression = Regression(MODEL, motions, Selection(ParallelFilter(decimate=3), (0.1, 0.0, 0.0)))
-    folds = fold_factors(regression)
-    assert len(folds) == 5
-    assert min(fold.rows.min() for fold in folds) > 0
-    merged, expected = merge_factors(folds), regression.triangular_factors
-    np.testing.assert_array_equal(merged.rows, expected.rows)
-    for R, expected_R in zip(merged.factors, expected.factors, strict=True):
-        np.testing.assert_allclose(R.T @ R, expected_R.T @ expected_R, atol=1e-9 * np.square(expected_R).sum())
 
 
 Change = Callable[[Tuning], Tuning]
@@ -173,13 +133,6 @@ def test_the_start_is_what_was_found(arm: Bench) -> None:
     assert 0.0 < quick.cross_validated < 10.0
 
 
-def test_what_was_asked_before_is_known(arm: Bench) -> None:
-    tuning = arm.start.with_degree(0.7)
-    with ThreadPoolExecutor(4) as threads:
-        result = list(threads.map(arm.fit, [tuning] * 4))
-    assert all(x is result[0] for x in result)
-
-
 def test_excluded_samples_are_smoothed_through_but_count_nowhere(arm: Bench) -> None:
     tuning = arm.start.exclude("log 1", 2.0, 4.0).exclude("log 2", 0.0, 4.0)
     before, after = (arm.smooth(x, "log 1", JOINTS[0]) for x in (arm.start, tuning))
@@ -206,17 +159,6 @@ def test_a_window_of_the_configuration_is_part_of_the_start() -> None:
     assert second[0] == 3.0
     assert on.logs["train"]["log 1"].excluded is None
     assert differing(on.fit(on.start), on.identification.estimate.value) < 0.5
-
-
-def test_a_joint_that_is_not_fitted_is_judged(arm: Bench) -> None:
-    tuning = replace(arm.start, unfitted=(JOINTS[2],))
-    quick = arm.fit(tuning)
-    assert quick.factors.rows[2] == 0
-    assert np.isfinite(quick.logs["log 2"].by_joint[JOINTS[2]])
-    notes = identified(arm, tuning).notes
-    assert not any(
-        isinstance(note, UnexcitedParameters) for note in notes
-    )  # no motion shows its friction to the others
 
 
 def test_what_does_not_fit_is_said(arm: Bench) -> None:
@@ -297,18 +239,6 @@ def test_a_joint_that_was_never_recorded_and_wrong_samples() -> None:
         assert differing(on.fit(tuning), identified(on, tuning).estimate.value) < 3.0
 
 
-def test_rests_and_several_logs() -> None:
-    log = recording(1)
-    still = np.repeat(log.q[:1], 600, axis=0) + 2e-4 * np.random.default_rng(0).standard_normal((600, 3))
-    held = np.repeat(log.tau[:1], 600, axis=0) + 0.05 * np.random.default_rng(1).standard_normal((600, 3))
-    t = np.arange(600 + len(log)) / 200.0
-    rested = replace(log, t=t, q=np.concatenate([still, log.q]), tau=np.concatenate([held, log.tau]))
-    on = bench(logs(rested, recording(2), recording(3, 2.0)))
-    assert on.smooth(on.start, "log 1", JOINTS[0]).t[0] > 1.0
-    tuning = on.start.with_degree(0.2)
-    assert differing(on.fit(tuning), identified(on, tuning).estimate.value) < 3.0
-
-
 def test_the_consistent_fit_keeps_what_was_chosen_of_it() -> None:
     on = bench(recipe=Recipe(Spline(), PhysicallyConsistent(bounds={"Fv_shoulder": (0.1, 2.0)})))
     assert on.estimators == ("consistent", "least_squares")
@@ -319,15 +249,6 @@ def test_the_consistent_fit_keeps_what_was_chosen_of_it() -> None:
     with pytest.raises(ConfigError, match="no parameter 'Fv_shoulder'"):
         on.fit(with_terms(on.start, 0, ("coulomb",)))
     assert MODEL.names == on.fit(on.start).estimate.names
-
-
-def test_an_estimator_that_takes_long_has_a_substitute() -> None:
-    given = logs(recording(1, 2.0))
-    on = bench(given)
-    slow = replace(on, estimators_by_kind={"MaximumLikelihood": MaximumLikelihood(), **on.estimators_by_kind})
-    quick = slow.fit(replace(slow.start, estimator="MaximumLikelihood"))
-    assert not quick.exact
-    assert quick.cross_validated == pytest.approx(on.fit(on.start).cross_validated)
 
 
 def test_what_cannot_be_smoothed_so_is_said_and_does_no_harm(arm: Bench) -> None:

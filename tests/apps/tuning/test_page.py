@@ -1,4 +1,4 @@
-"""Answers follow from the address alone, and figures keep what matters when they are thinned."""
+"""Answers follow from the address alone, figures keep what matters when they are thinned, and the page stays."""
 
 import json
 from dataclasses import replace
@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.apps.tuning import Bench, readout
+from dynident.apps.tuning import Bench, drawings, readout
 from dynident.apps.tuning import answers as module
 from dynident.apps.tuning.answers import Page
 from dynident.apps.tuning.app import make_app
 from dynident.apps.tuning.curve import DegreeCurve
 from dynident.apps.tuning.drawings import MAX_COARSE_POINTS, MAX_POINTS, curve_drawing, motion_drawing
 from dynident.apps.tuning.session import Session
+from tests.kept import check_kept, figure_lines
 
 
 def test_a_zoom_is_drawn_finely(arm: Bench) -> None:
@@ -210,3 +211,36 @@ def test_whatever_is_posted_no_traceback_is_printed(arm: Bench) -> None:
     assert faults == []
     assert client.post("/token/act", data="{", content_type="application/json").status_code == 400
     assert client.post("/token/act", data=b"x", content_type="text/plain").status_code in (400, 415)
+
+
+pytest.importorskip("dash")
+
+
+def test_the_page_shows_what_it_showed(arm: Bench) -> None:
+    from dynident.apps.tuning.layout import tuning_page
+
+    start, joint = arm.start, arm.joints[0]
+    fit, last, log = arm.fit(replace(start, degree=(1.0, *start.degree[1:]))), arm.fit(start), "log 2"
+    smoothed = arm.smooth(start, log, joint)
+    parts = (
+        tuning_page("arm.yaml", arm), readout.numbers(fit, last), readout.errors(fit, last, joint),
+        readout.parameter_table(fit, last),
+    )  # fmt: skip
+    figures = (
+        drawings.motion_drawing(smoothed, "rad", ((1.0, 2.0),)), drawings.residual_drawing(smoothed, "rad"),
+        drawings.torque_drawing(fit.logs[log], 0, "N m", ((1.0, 2.0),)),
+    )  # fmt: skip
+    lines = [line for part in parts for line in component_lines(part)]
+    lines += [line for figure in figures for line in figure_lines(json.loads(figure.json()))]
+    check_kept("page_tuning", "\n".join(lines))
+
+
+def component_lines(node: Any, depth: int = 0) -> list[str]:
+    """Return the components of a page: a line for each with its properties, those inside it indented."""
+    if isinstance(node, list | tuple):
+        return [line for inner in node for line in component_lines(inner, depth)]
+    if not hasattr(node, "to_plotly_json"):
+        return [] if node is None else [f"{depth * ' '}{node}"]
+    props = dict(node.to_plotly_json()["props"])
+    inside = component_lines(props.pop("children", None), depth + 1)
+    return [f"{depth * ' '}{type(node).__name__} {props or ''}", *inside]

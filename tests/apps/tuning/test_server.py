@@ -147,16 +147,6 @@ def test_a_request_without_a_host_is_refused() -> None:
     assert "its own machine only" in server.refusal(environ, server.Address(8050, "secret"))
 
 
-def test_files_that_never_change_may_be_kept() -> None:
-    kept = "public, max-age=31536000"
-    assert answered(cache=kept).headers["Cache-Control"] == kept
-
-
-def test_only_scripts_that_are_known_run() -> None:
-    assert "script-src 'self' 'sha256-abc'" in server.make_content_policy(["'sha256-abc'"])
-    assert "unsafe-eval" not in server.make_content_policy()
-
-
 def test_connections_that_send_nothing_or_drip_are_closed_soon_and_are_not_many(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -244,24 +244,6 @@ def test_a_window_beyond_its_part_of_a_recording_excludes_nothing_of_another(fol
     assert "exclude" not in yaml.safe_load(tuned_text(project, bench, beyond, project.path))["train"][0]
 
 
-def test_a_bench_names_what_there_is_to_choose_from_and_refuses_a_tuning_of_another(
-    project: Project, bench: Bench
-) -> None:
-    assert bench.estimators == ("consistent", "least_squares")
-    assert bench.log_names == ("monday", "tuesday")
-    assert {"viscous", "stribeck", "dahl"} <= set(bench.switches.kinds)
-    with pytest.raises(ConfigError, match="degree has 1 entries for 3 joints"):
-        tuned_text(project, bench, replace(bench.start, degree=(1.0,)), project.path)
-
-
-def test_an_estimator_goes_by_the_kind_of_the_configuration(folder: Path) -> None:
-    data = settings(estimator={"kind": "robust", "loss": "tukey"}, validation=[], time_offset=0)
-    data["train"] = [{"file": "monday.npz", "window": [2, 4]}]
-    on = bench_of(project_of(folder, data, "robust.yaml"))
-    assert on.estimators == ("robust", "least_squares", "consistent")
-    assert not on.fit(on.start).exact
-
-
 def test_training_too_long_for_the_memory_is_refused(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Project, "long", True)
     with pytest.raises(ConfigError, match="too long for the memory"):

@@ -261,7 +261,9 @@ NUMBER_TEXTS = st.one_of(
 )
 CELLS = st.one_of(NUMBER_TEXTS, st.text(max_size=8), st.text('"\r\0,;\t {[', max_size=6))
 KEYS = st.one_of(st.sampled_from(["t", "a", "b", "m", "m.0", "m.1", ""]), st.text(max_size=3))
-VALUES = st.recursive(CELLS | NUMBER_TEXTS.map(json.dumps), lambda inner: st.lists(inner, max_size=3).map(str))
+PLAIN = CELLS | NUMBER_TEXTS.map(json.dumps)
+LISTS = st.lists(PLAIN, max_size=3).map(str)
+VALUES = PLAIN | LISTS | st.lists(LISTS, max_size=3).map(str)
 ANY_LINE = st.one_of(
     st.binary(max_size=60),
     st.lists(CELLS, min_size=1, max_size=8).map(lambda cells: ",".join(cells).encode("utf-8", "replace")),

@@ -77,10 +77,10 @@ def plain(case: Log, smoother: Smoother, parallel_filter: ParallelFilter | None 
     ids=["spline", "filter", "shifted"],
 )
 def test_the_bias_is_that_of_many_runs(smoother: Smoother, parallel_filter: ParallelFilter | None) -> None:
-    """Over 25 runs the mean error, less what is predicted, is a third of the mean error or chance (5 deviations)."""
-    errors = np.array([plain(log(seed), smoother, parallel_filter) - TRUTH for seed in range(25)])
+    """Over 16 runs the mean error, less what is predicted, is a third of the mean error or chance (5 deviations)."""
+    errors = np.array([plain(log(seed), smoother, parallel_filter) - TRUTH for seed in range(16)])
     bias = np.array([predicted(log(seed), smoother, parallel_filter).bias for seed in range(6)]).mean(axis=0)
-    chance = 5 * errors.std(axis=0) / np.sqrt(25)
+    chance = 5 * errors.std(axis=0) / np.sqrt(16)
     assert (np.abs(errors.mean(axis=0)) > chance).any(), "there is a bias to predict"
     assert (np.abs(errors.mean(axis=0) - bias) < 0.33 * np.abs(errors.mean(axis=0)) + chance).all()
 
@@ -239,9 +239,9 @@ def corrected_errors(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_intervals_that_count_the_error_of_the_correction_hold() -> None:
-    """Of 20 x 4 intervals at least 85 % hold (four deviations below 95 %)."""
-    errors, plain, wide = (np.array(x) for x in zip(*map(corrected_errors, range(20)), strict=True))
-    assert np.mean(np.abs(errors) < NORMAL_95 * wide) > 0.85
+    """Of 10 x 4 intervals at least 81 % hold (four deviations below 95 %)."""
+    errors, plain, wide = (np.array(x) for x in zip(*map(corrected_errors, range(10)), strict=True))
+    assert np.mean(np.abs(errors) < NORMAL_95 * wide) > 0.81
     assert (
         np.mean(np.abs(errors) < NORMAL_95 * plain) < np.mean(np.abs(errors) < NORMAL_95 * wide) - 0.1
     )  # not by the rest alone

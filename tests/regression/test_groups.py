@@ -41,7 +41,9 @@ def test_each_joint_has_its_groups_and_the_last_body_a_payload() -> None:
 def test_a_change_of_the_parameters_moves_the_base_parameters_within_its_group() -> None:
     arm = true_model()
     basis, rng = structural_base_parameters(arm), np.random.default_rng(0)
+    kinds = dict(zip(arm.names, kinds_of(arm), strict=True))
     for case in groups_of(arm, basis):
+        assert {kinds[name] for name in case.names} == {case.kind}
         theta, other = np.zeros(len(arm.names)), np.zeros(len(arm.names))
         columns = [arm.names.index(name) for name in case.names]
         other[columns] = step = rng.standard_normal(len(columns))

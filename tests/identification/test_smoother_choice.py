@@ -141,7 +141,7 @@ def unlike_motion() -> Motion:
         arm.values,
         lambda s: (0.3 * np.sin(14 * s) + 0.3 * np.sin(9.7 * s), 1.2 * np.sin(2.1 * s) + 0.4 * np.sin(2.9 * s)),
         np.arange(2000) * 0.005,
-        tolerance=1e-7,
+        tolerance=1e-5,
     )
 
 

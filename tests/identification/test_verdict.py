@@ -14,7 +14,7 @@ from dynident.estimators import LeastSquares, PhysicallyConsistent
 from dynident.identification import HeldOut, Identification, Recipe, Remedy, Verdict, identify, judge
 from dynident.identification import verdict_reasons as why
 from dynident.identification.unobservable import CommonGain, DriveFriction, MotionRatios, Zeros, unknowns
-from dynident.identification.verdict_steps import CheckRipple, SetRight, Sharpen, SlowReversals
+from dynident.identification.verdict_steps import CheckRipple, SlowReversals
 from dynident.models import Model, RigidBodies
 from dynident.models.friction import Offset
 from dynident.models.lagrangian import slider
@@ -101,45 +101,6 @@ def test_a_fault_comes_before_the_errors_that_it_may_cause(good: Identification)
     assert [type(reason) for reason in unjudged.reasons[:2]] == [why.NoHoldOut, why.ForbiddingFindings]
 
 
-class Advice(Note):
-    """A note that is advice, and forbids nothing."""
-
-    advises = True
-
-
-def test_what_was_found_is_advised_before_looking_for_it(good: Identification) -> None:
-    large = with_errors(good.validations[1], relative_error=30.0)
-    verdict = judge(replace(good, warnings=(Finding(Advice()),), validations=(good.validations[0], large)))
-    assert verdict.next[:2] == (SetRight(Finding(Advice())), Remedy.CHECK)
-
-
-def test_a_note_of_the_estimate_may_forbid_a_use_too(good: Identification) -> None:
-    verdict = judge(replace(good, estimate=replace(good.estimate, notes=(NoSimulation(),))))
-    assert verdict.use is Use.CONTROL
-    assert verdict.reasons == (why.ForbiddingFindings((Finding(NoSimulation()),)),)
-
-
-def test_what_forbids_use_is_advised_first(good: Identification) -> None:
-    """Only then what to record next, and a simulation last."""
-    wrong = (Finding(Remark("a fault"), "slider", severity=Severity.ERROR),)
-    alone = replace(good, validations=tuple(replace(validation, free_run=None) for validation in good.validations))
-    unsure = replace(alone, errors=replace(good.errors, std=np.array([4.0, 6.0, 0.01, np.inf])))
-    for result, first in ((replace(unsure, warnings=wrong), Remedy.CORRECT), (unexcited(unsure), Remedy.EXCITE)):
-        verdict = judge(result)
-        assert verdict.use is Use.DO_NOT_USE
-        assert verdict.next[0] is first
-        assert {type(step) for step in verdict.next[1:-1]} == {Sharpen}
-        assert verdict.next[-1] is Remedy.SIMULATE
-    assert judge(unsure).next[0] is Remedy.SIMULATE
-
-
-def unexcited(identification: Identification) -> Identification:
-    """Two of the four parameters are not determined."""
-    determined = replace(identification.estimate.determined, rank=2)
-    base = replace(identification.base, on_data=None, structural=None)
-    return replace(identification, estimate=replace(identification.estimate, determined=determined), base=base)
-
-
 def test_a_repeat_of_the_training_motion_holds_nothing_out(good: Identification) -> None:
     again = identify(slider(), [log(3.0, "slow")], [log(3.0, "again", 1)], Recipe(Difference("central"), restart=0.5))
     verdict = judge(again)
@@ -177,14 +138,6 @@ def test_a_fit_that_misses_its_own_data_is_not_good_by_an_easier_log(
     worse = [reason for reason in verdict.reasons if isinstance(reason, why.TrainedWorse)]
     assert worse == ([why.TrainedWorse(good.validations[0].name, trained, trained / held)] if held == 5.4 else [])
     assert verdict.use is use
-
-
-def test_an_error_that_the_low_pass_takes_away_is_forgiven_up_to_a_limit(good: Identification) -> None:
-    first = with_errors(good.validations[0], relative_error_filtered=3.0)
-    held = with_errors(good.validations[1], relative_error=20.0, relative_error_filtered=4.0)
-    verdict = judge(replace(good, validations=(first, held)))
-    assert verdict.use is Use.SIMULATION
-    assert verdict.held_out == HeldOut(4.0, 3.0, (20.0, good.validations[0].errors.relative_error))
 
 
 def of_errors(**changes: Any) -> Change:

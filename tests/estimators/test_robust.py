@@ -65,7 +65,7 @@ def test_every_tenth_torque_wrong(loss, one_sided):
     lie on both sides."""
     model, inside = two_link_arm(), []
     for seed in range(20):
-        problem = make_problem(model, spoilt(multisine_motion(model, 0.05, seed, 250), 0.1, seed, one_sided=one_sided))
+        problem = make_problem(model, spoilt(multisine_motion(model, 0.05, seed, 500), 0.1, seed, one_sided=one_sided))
         result = RobustLeastSquares(loss)(problem)
         rows = replace(problem.regression, weights=result.residual.sample_weights)
         wide = identifiability_of(rows, result, np.zeros((7, 7)))[0].std

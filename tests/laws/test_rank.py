@@ -265,7 +265,7 @@ def test_intervals_of_the_consistent_fit_hold_on_an_arm_without_a_spherical_wris
     """95 % intervals, from a robot file with other bodies than the true ones, over several recordings."""
     true = driven(arm("bent", 4))
     model = driven(arm("bent", 4, seed=8), nominal=False)
-    motion = moved(true, np.arange(1200) * 0.01)
+    motion = moved(true, np.arange(2000) * 0.01)
     recipe = Recipe(estimator=PhysicallyConsistent(costs=False), outliers="keep")
     inside, total, worst = 0, 0, 0.0
     for seed in range(4):

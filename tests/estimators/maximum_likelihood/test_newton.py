@@ -1,20 +1,63 @@
-"""Conjugate steps of the search, and its end."""
+"""The line search: steps conjugate, adjusted, followed and shortened; and the end of the search."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
 from dynident.apps.article import SCENARIOS
 from dynident.estimators import Barrier
 from dynident.estimators.maximum_likelihood import Likelihood, Sigma, newton, plan_segment
-from dynident.estimators.maximum_likelihood.equations import RegressorColumns
+from dynident.estimators.maximum_likelihood.equations import RegressorColumns, SearchPoint
 from dynident.models.lagrangian import two_link_arm
+
+
+class Along:
+    """A cost of theta (1) alone, infeasible from ``edge`` on; ``trials`` are the values of theta tried."""
+
+    segments = ()
+
+    def __init__(self, cost: Callable[[float], float], edge: float = np.inf) -> None:
+        self.cost, self.edge, self.trials = cost, edge, list[float]()
+
+    def point(self, states: tuple[()], theta: np.ndarray) -> SearchPoint | None:
+        self.trials.append(float(theta[0]))
+        return None if theta[0] >= self.edge else SearchPoint(states, theta, self.cost(float(theta[0])))
+
+    def trajectory_equations(self, *_: object) -> tuple[()]:
+        return ()
 
 
 def step_of(theta: list[float], pull: list[float], decrement: float) -> newton._NewtonStep:
     """Return a step of theta alone, whose gradient is minus ``pull``."""
     none = np.zeros((0, 0))
     return newton._NewtonStep(np.array(theta), (), (), decrement, none, none, np.array(pull))
+
+
+def improved(along: Along, slope: float, decrement: float) -> float | None:
+    """Return where a step of one from zero leads, at which the cost falls by ``slope``."""
+    start, step = SearchPoint((), np.zeros(1), along.cost(0.0)), step_of([1.0], [slope], decrement)
+    result = newton._improve(along, start, step, None)[1]
+    return None if result is None else float(result.theta[0])
+
+
+def test_a_step_ends_at_the_minimum_of_a_parabola() -> None:
+    along = Along(lambda x: (x - 4) ** 2)
+    assert improved(along, 8.0, 8.0) == 4.0
+    assert along.trials == [1.0, 4.0]
+
+
+def test_a_step_that_gains_what_is_expected_is_not_adjusted() -> None:
+    along = Along(lambda x: (x - 1) ** 2)
+    assert improved(along, 2.0, 2.0) == 1.0
+    assert along.trials == [1.0]
+
+
+def test_a_step_is_not_adjusted_to_beyond_the_edge_of_what_is_feasible() -> None:
+    along = Along(lambda x: -x, edge=3.0)
+    assert improved(along, 1.0, 1.0) == 1.0
+    assert along.trials == [1.0, newton.MAX_STEP_LENGTH]
 
 
 def test_conjugate_steps_find_the_minimum_of_a_quadratic_in_as_many_as_it_has_unknowns() -> None:

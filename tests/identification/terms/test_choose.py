@@ -21,6 +21,7 @@ from dynident.identification.terms.candidates import KINDS
 from dynident.identification.terms.samples import TermSamples
 from dynident.models import Joint, Model
 from dynident.models.friction import Coulomb, Ripple, Viscous
+from dynident.regression import Selection
 from dynident.runtime import InputError
 from tests.identification.terms import simulated
 from tests.identification.terms.simulated import FEW, PLAIN, bodies, recorded
@@ -84,6 +85,14 @@ def test_what_was_tried_is_told_with_gain_and_error() -> None:
     tau = recorded(simulated.dahl, 1).tau
     noise = 100 * 0.05 * simulated.SIZE / np.sqrt(np.mean(tau**2, axis=0))  # %, of which the choice leaves little more
     np.testing.assert_allclose(choice.after, noise, rtol=0.12)
+
+
+def test_the_minimum_speed_is_left_to_terms_that_describe_reversals() -> None:
+    assert chosen("dahl").min_speed == (0.0, 0.0, 0.0)
+    given = choose_terms(
+        Model((bodies(),)), [recorded(simulated.coulomb, 1)], Selection(min_speed=(0.1, 0.1, 0.1)), kinds=PLAIN
+    )
+    assert given.min_speed == (0.0, 0.0, 0.0)
 
 
 def test_a_term_that_the_model_has_is_not_tried() -> None:

@@ -28,14 +28,14 @@ def drawn(noise: Whitening, samples: int, rng: np.random.Generator) -> Array:
     return np.stack(list(columns), axis=1)
 
 
-def noisy(noise: Whitening, seed: int, samples: int = 1500, model: Model = ARM, count: int = 1) -> Problem:
+def noisy(noise: Whitening, seed: int, samples: int = 1000, model: Model = ARM, count: int = 1) -> Problem:
     """The problem of exact motions and a torque with noise."""
     rng = np.random.default_rng(seed)
     exact = [multisine_motion(model, samples=samples, seed=k) for k in range(count)]
     return make_problem(model, *(replace(x, tau=x.tau + drawn(noise, samples, rng)) for x in exact))
 
 
-def bound(noise: Whitening, samples: int = 1500) -> Array:
+def bound(noise: Whitening, samples: int = 1000) -> Array:
     """The least standard errors (p) of a linear fit that has no bias, (X' V^-1 X)^-1."""
     exact = multisine_motion(ARM, samples=samples)
     R = Regression(ARM, (exact,), whitening=noise).triangular_factors.stack()[:-1, :-1]

@@ -1,4 +1,4 @@
-"""The barrier: its derivatives, Newton's method inside of it, and matrices along some directions only."""
+"""The barrier: its derivatives, and Newton's method inside of it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from dynident.estimators import Barrier, PenalisedQuadratic, PsdConstraint
-from dynident.estimators.barrier import solver
 
 
 @pytest.fixture
@@ -38,36 +37,12 @@ def random_demand(rng: np.random.Generator) -> PsdConstraint:
     return PsdConstraint(slopes, offset=0.5 * np.eye(2) + np.zeros((3, 2, 2)))
 
 
-def test_along_directions_it_is_the_same_barrier(rng: np.random.Generator) -> None:
-    case, number = random_demand(rng), PsdConstraint(np.eye(4)[:1].reshape(1, 1, 1, 4))
-    origin, directions = np.array([9.0, 0.1, 0.2, 0.3]), rng.standard_normal((4, 2))
-    full = Barrier((case, number), 0.3)
-    along = full.restrict(origin, directions)
-    y = np.array([0.1, -0.2])
-    assert along.value(y) == pytest.approx(full.value(origin + directions @ y), rel=1e-12)
-    gradient, hessian = full.derivatives(origin + directions @ y)
-    np.testing.assert_allclose(along.derivatives(y)[0], gradient @ directions, rtol=1e-10)
-    np.testing.assert_allclose(along.derivatives(y)[1], directions.T @ hessian @ directions, rtol=1e-10)
-    assert along.degree == 7
-    assert along.value(y, 0.6) == pytest.approx(2 * along.value(y))
-
-
 def test_outside_it_is_infinite_and_has_no_slopes(rng: np.random.Generator) -> None:
     barrier = Barrier((random_demand(rng),))
     outside = np.array([-9.0, 0, 0, 0])
     assert barrier.value(outside) == np.inf
     with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
         barrier.derivatives(outside)
-
-
-def test_what_acts_on_a_matrix_with_a_centre_is_bound_and_all_else_is_not() -> None:
-    matrix = np.zeros((2, 2, 2, 4))
-    matrix[0, 0, 0, 0] = matrix[1, 0, 1, 2] = matrix[1, 1, 0, 2] = 1.0
-    number = np.zeros((1, 1, 1, 4))
-    number[..., 1] = 1.0
-    drawn = PsdConstraint(matrix, centre=np.eye(2) + np.zeros((2, 2, 2)))
-    assert Barrier((drawn, PsdConstraint(number))).centred_components.tolist() == [True, False, True, False]
-    assert Barrier((PsdConstraint(matrix), PsdConstraint(number))).centred_components.tolist() == [False]
 
 
 def bodies(rng: np.random.Generator, count: int = 3) -> Barrier:
@@ -101,9 +76,3 @@ def test_the_minimum_is_reached_however_near_the_boundary_the_start_is(rng: np.r
     x = near.minimum(H, g, 1e-10)
     assert near.is_inside(x)
     assert PenalisedQuadratic(H, g, ((near, near.weight),)).newton(x)[1] < 1e-12
-
-
-def test_a_singular_matrix_is_inverted_on_its_range(rng: np.random.Generator) -> None:
-    half = rng.standard_normal((3, 5))
-    H, g = half.T @ half, half.T @ rng.standard_normal(3)
-    np.testing.assert_allclose(H @ solver(H)(g), g, rtol=1e-8)

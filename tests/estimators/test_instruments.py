@@ -8,15 +8,11 @@ import numpy as np
 import pytest
 
 from dynident.estimators.instrument_moments import _add_partner_scores, moments_of, score_information
-from dynident.estimators.instruments import InstrumentKind, Instruments, cutoff_frequency, lag_of, lagged_instruments
-from dynident.estimators.least_squares import LinearFit, solve_least_squares, weight_joints
-from dynident.models import Joint, Model, RotorInertia
-from dynident.models.friction import Coulomb, Offset, Viscous
-from dynident.models.lagrangian import slider, two_link_arm
+from dynident.estimators.instruments import InstrumentKind, Instruments, cutoff_frequency, lag_of
+from dynident.estimators.least_squares import LinearFit, weight_joints
+from dynident.models.lagrangian import two_link_arm
 from dynident.motion.filters import butterworth, zero_phase
 from dynident.motion.log import Log, Motion
-from dynident.motion.smoothers import Spline
-from dynident.motion.splines import Fixed
 from dynident.regression import ParallelFilter, Regression, Selection
 from dynident.regression import linear_problem as module
 from tests.estimators.looped import driven
@@ -72,16 +68,6 @@ def test_is_the_just_identified_solution_of_dense_matrices(low, monkeypatch: pyt
     np.testing.assert_allclose(result.residual(result.to_basis(result.value)), expected, rtol=1e-9)
 
 
-def test_the_regressor_as_its_own_instrument_is_least_squares() -> None:
-    rows = Regression(ARM, (motion(3),))
-    result, rank = solved(rows, rows)
-    factor, _ = weight_joints(rows.triangular_factors, WEIGHTS, ARM.parameters)
-    np.testing.assert_allclose(result.value, solve_least_squares(factor, rank).value, rtol=1e-12)
-    strength = result.strength(300.0)
-    assert strength.correlation == pytest.approx(1.0, abs=1e-9)
-    assert strength.statistic > 1e6
-
-
 def test_the_covariance_is_that_of_dense_matrices_where_residuals_are_white() -> None:
     """A^-1 (sum_j w_j^4 s_j^2 W_j' W_j) A^-T, but for what the estimate of a long-run covariance scatters."""
     case = motion(4, 20_000)
@@ -99,50 +85,6 @@ def test_the_covariance_is_that_of_dense_matrices_where_residuals_are_white() ->
     std = np.sqrt(np.diag(np.linalg.inv(information)))
     np.testing.assert_allclose(std, np.sqrt(np.diag(expected)), rtol=0.25)
     assert 2000 <= independent <= 20_000
-
-
-def test_what_the_data_do_not_determine_stays_so() -> None:
-    """Two masses on the same joint: their sum is found, their share is that of least norm."""
-    joints = (Joint("joint1"), Joint("joint2"))
-    model = Model(
-        (
-            RotorInertia(joints),
-            RotorInertia(joints, names=("b1", "b2")),
-            Viscous(joints),
-            Coulomb(joints),
-            Offset(joints),
-        )
-    )
-    case = motion(6)
-    truth = np.arange(1.0, 11.0)
-    case = replace(case, tau=model.torque(case.q, case.dq, case.ddq, truth))
-    rows = Regression(model, (case,))
-    result, rank = solved(rows, replace(rows, motions=(noisy(case, 7),)))
-    assert rank.rank == 8
-    np.testing.assert_allclose(result.value[:4], [2.0, 3.0, 2.0, 3.0], rtol=1e-8)
-    np.testing.assert_allclose(result.value[4:], truth[4:], rtol=1e-8)
-
-
-def test_strength_is_the_smallest_correlation_and_its_direction() -> None:
-    """An instrument of the offset is exact, that of the speed is nearly noise: F = N r^2 / (1 - r^2)."""
-    joints = (Joint("joint1"), Joint("joint2"))
-    model = Model((Viscous(joints), Offset(joints)))
-    test_motion = motion(8, 4000)
-    other = replace(
-        test_motion,
-        dq=test_motion.dq * (0.1, 1.0) + np.random.default_rng(1).standard_normal(test_motion.dq.shape) * (1.0, 0.01),
-    )
-    rows = Regression(model, (test_motion,))
-    result, _ = solved(rows, replace(rows, motions=(other,)), np.ones(2))
-    strength = result.strength(4000.0)
-    r = float(
-        np.sum(test_motion.dq[:, 0] * other.dq[:, 0])
-        / np.linalg.norm(test_motion.dq[:, 0])
-        / np.linalg.norm(other.dq[:, 0])
-    )
-    assert strength.correlation == pytest.approx(abs(r), rel=0.1)
-    assert strength.statistic == pytest.approx(4000 * strength.correlation**2 / (1 - strength.correlation**2))
-    assert np.argmax(np.abs(strength.direction)) == 0
 
 
 MOTION, _ = driven(60)
@@ -177,26 +119,6 @@ def polynomial(seed: int = 0) -> Motion:
     return Motion(T, q, dq, ddq, 0 * q, ("slider",), np.ones(len(T), dtype=bool))
 
 
-def test_a_polynomial_of_degree_five_is_found_exactly() -> None:
-    """At lags of whole samples; the samples within a lag of the ends and of a gap have no instruments."""
-    motion = polynomial()
-    mask = np.abs(np.arange(len(T)) - 200) > 3
-    gapped = Motion(T, motion.q, motion.dq, motion.ddq, motion.tau, motion.joints, mask)
-    result = lagged_instruments(slider(), gapped, None, None, 5 * STEP)
-    used = result.motion.mask
-    for name in ("q", "dq", "ddq"):
-        np.testing.assert_allclose(
-            getattr(result.motion, name)[used], getattr(motion, name)[used], rtol=1e-5, atol=1e-4
-        )
-    assert result.lag == 5 * STEP
-    away = np.abs(np.arange(len(T)) - 200)
-    inside = (np.arange(len(T)) >= 6) & (np.arange(len(T)) < len(T) - 6)
-    assert used[inside & (away > 9)].all()
-    assert not used[(away < 8) & (away > 2)].any()
-    assert not used[:5].any()
-    assert not used[-5:].any()
-
-
 @pytest.mark.parametrize("low", [5.0, 12.0])
 def test_the_cutoff_is_that_of_a_low_pass(low: float) -> None:
     """Order 1 forward and backward passes half of the amplitude at its cut-off, in the presence of a large motion."""
@@ -217,16 +139,3 @@ def test_the_lag_grows_with_smoothing_and_filter() -> None:
     assert slow > 1.5 * lag_of(motion, None, ParallelFilter(cutoff=10.0)) > 4 * STEP
     noisy = Log(T, motion.q + 1e-3 * rng.standard_normal(motion.q.shape), motion.tau, motion.joints)
     assert lag_of(motion, noisy, None) > lag_of(motion, None, None)
-
-
-def test_errors_of_accelerations_are_no_longer_correlated_from_the_lag_on() -> None:
-    """Those that a spline makes of white noise, of which chance leaves correlations of 0.02."""
-    t, smoother = STEP * np.arange(20_000), Spline(Fixed(lam=1e-6))
-    true, noise = np.sin(2 * t) + 0.3 * np.sin(7 * t), 1e-3 * np.random.default_rng(0).standard_normal(len(t))
-    log, clean = (Log(t, x[:, None], 0 * x[:, None], ("slider",)) for x in (true + noise, true))
-    motion, exact = smoother(log), smoother(clean)
-    k = round(lag_of(motion, log, None) / STEP)
-    e = (motion.ddq - exact.ddq)[motion.mask, 0]
-    correlation = np.array([e[lag:] @ e[: len(e) - lag] for lag in range(200)]) / (e @ e)
-    assert np.abs(correlation[k:]).max() < 0.03
-    assert np.abs(correlation[k // 2 : k]).max() > 0.05

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dynident.estimators import Estimate, LeastSquares, PhysicallyConsistent, Problem
+from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem
 from dynident.models import Model, from_pseudo, to_pseudo
 from dynident.runtime import ConfigError
-from tests.estimators.welded import Drag, Welded, cloud, pair, problem, random_body, single
+from tests.estimators.welded import Drag, cloud, pair, problem, random_body, single
 
 Array = NDArray[np.float64]
 ROD = cloud(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.4]]), np.array([1.0, 1.0]))
@@ -88,45 +88,6 @@ def test_no_possible_body_fits_better(seed: int, noise: float, rod: bool) -> Non
         for share in (1.0, 0.1):
             rival = (1 - share) * result.value + share * (other + floor)
             assert best <= error(posed, rival) * (1 + 1e-6) + rest
-
-
-def test_threshold_leaves_weak_directions_to_the_prior() -> None:
-    """A rotor about z looks like Izz but for what slight rotation about x and y makes, which shows little else, too."""
-    body = Welded((np.eye(4),), (BODY,))
-    model = Model((body, Drag(body.joints, "rotor", 5, 0.01)))
-    truth = np.append(BODY, 0.01)
-    posed = problem(model, truth, 0.2, spread=(1, 1, 1, 0.001, 0.001, 1, 0.001, 0.001, 1))
-    strict, loose = (
-        PhysicallyConsistent(fit=LeastSquares(1e-2, "per_joint"), inertia=False)(posed),
-        PhysicallyConsistent(inertia=False, rotor=False)(posed),
-    )
-    assert (strict.determined.rank, loose.determined.rank) == (7, 11)
-    assert [name for name, word in zip(model.names, strict.provenance, strict=True) if word == "prior"] == [
-        "b1.Ixx",
-        "b1.Ixy",
-        "b1.Iyy",
-        "b1.Izz",
-        "rotor_nz",
-    ]
-    assert set(loose.provenance) == {"data"}
-    assert np.abs(strict.value - truth)[9:].max() < 0.1 * loose.std[9:].min()
-
-
-def test_noise_of_each_joint_sets_its_weight() -> None:
-    """The moments forty times noisier than the forces: weighing each by its noise brings smaller errors."""
-    model, off = single(), {"equal": 0.0, "per_joint": 0.0}
-    for seed in range(20):
-        posed = problem(model, BODY, seed=seed)
-        (motion,) = posed.motions
-        noise = np.random.default_rng(1000 + seed).normal(size=motion.tau.shape) * np.repeat([0.05, 2.0], 3)
-        tau = motion.tau + noise
-        noisy = type(motion)(motion.t, motion.q, motion.dq, motion.ddq, tau, motion.joints, motion.mask)
-        again = Problem(model, (noisy,), type(posed.regression)(model, (noisy,)))
-        for weights in off:
-            result: Estimate = LeastSquares(weights=weights)(again)  # type: ignore[arg-type]
-            off[weights] += np.sum((result.value - BODY)[1:4] ** 2)
-        np.testing.assert_allclose(result.residual.sigma, np.repeat([0.05, 2.0], 3), rtol=0.25)
-    assert off["per_joint"] < 0.05 * off["equal"]
 
 
 def test_standard_errors_tell_the_spread_where_no_constraint_acts() -> None:

@@ -85,14 +85,6 @@ def test_it_becomes_exact_with_more_data():
     assert near < far
 
 
-def test_without_errors_it_is_least_squares():
-    problem = noisy((0.0, 0.0), 0.05)
-    plain = LeastSquares(weights="per_joint")(problem)
-    for estimator in (TotalLeastSquares(), TotalLeastSquares({NAMES[0]: 0.0}), stated((1e-9, 0.0))):
-        np.testing.assert_allclose(estimator(problem).value, plain.value, rtol=1e-9)
-        np.testing.assert_allclose(estimator(problem).std, plain.std, rtol=1e-3)
-
-
 def test_noise_of_the_positions():
     """Of what smoothing leaves of it, nine tenths of the bias go, and the intervals allow for the rest."""
     arm = ARM
@@ -124,14 +116,6 @@ def test_only_directions_that_the_data_determine():
     held = PhysicallyConsistent(fit=TotalLeastSquares(sizes), prior="none")(problem)
     reference = ~held.determined.directions.undetermined_mask
     np.testing.assert_allclose(held.value[reference], result.value[reference], atol=0.1 * result.std[reference].max())
-
-
-def test_large_errors_are_said():
-    (note,) = stated((0.5, 0.0))(noisy((0.5, 0.0), 0.05)).notes
-    assert isinstance(note, ErrorsInRegressor)
-    assert note.parameter == NAMES[0]
-    assert note.percent == pytest.approx(20, abs=1)  # 0.25 of 1.25
-    assert note.forbidden is None
 
 
 def test_more_error_than_motion_forbids_any_use_also_of_a_consistent_fit():
@@ -188,14 +172,6 @@ def test_errors_that_are_drawn_are_as_large_as_the_true_ones(smoother, sigma):
         near = 1.4 if smoother is Spline else 2.5  # another smoother has another shape than a spline's
         ratio = made[motion.mask].std() / true[motion.mask].std()
         assert 1 / near < ratio < near, (name, ratio)
-
-
-def test_shifted_positions():
-    log = recorded(2e-3)
-    motion = Spline(sigma=1.8e-3)(log)
-    delayed = motion.shift(0.02)
-    near, far = motion_noise(log, motion), motion_noise(log, delayed, 0.02)
-    np.testing.assert_allclose(far.cutoff, near.cutoff, rtol=0.15)
 
 
 def test_few_samples_show_nothing():

@@ -1,4 +1,4 @@
-"""Weighted and generalised least squares: their bound, simpler cases, and a residual that is no noise."""
+"""Weighted and generalised least squares: their bound, and a residual that is no noise."""
 
 from __future__ import annotations
 
@@ -7,20 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.estimators import (
-    GeneralisedLeastSquares,
-    LeastSquares,
-    LinearEstimator,
-    PhysicallyConsistent,
-    Problem,
-    WeightedLeastSquares,
-)
-from dynident.estimators.notes import ErrorsInRegressor, NotConverged, StillColoured, WhiteningCostly
-from dynident.models.lagrangian import slider
+from dynident.estimators import GeneralisedLeastSquares, LeastSquares, LinearEstimator, Problem, WeightedLeastSquares
+from dynident.estimators.notes import StillColoured, WhiteningCostly
 from dynident.regression import ParallelFilter, Regression, Selection
-from dynident.runtime import ConfigError, Note, Use
+from dynident.runtime import ConfigError, Use
 from dynident.testing.estimator import make_problem, multisine_motion
-from tests.estimators.arms import arm, problem
 from tests.estimators.coloured import ARM, COLOURED, CORRELATED, bound, noisy, repeated
 
 RUNS = 60
@@ -47,13 +38,6 @@ def test_the_noise_is_found_and_nothing_is_to_be_noted() -> None:
     np.testing.assert_allclose(result.residual.sigma, [0.0204, 0.0281], rtol=0.2)  # N m, not whitened
 
 
-def test_logs_are_not_joined() -> None:
-    together, order = noisy(COLOURED, 2, 800, count=3), (2, 0, 1)
-    turned = make_problem(ARM, *(together.motions[k] for k in order))
-    first, second = GeneralisedLeastSquares()(together), GeneralisedLeastSquares()(turned)
-    np.testing.assert_allclose(second.value, first.value, rtol=1e-7)
-
-
 def test_an_error_of_the_model_is_said_and_does_little_harm() -> None:
     exact, rng = multisine_motion(ARM, noise=1e-3), np.random.default_rng(0)
     rough = exact.ddq + 0.5 * rng.standard_normal(exact.ddq.shape)
@@ -65,12 +49,6 @@ def test_an_error_of_the_model_is_said_and_does_little_harm() -> None:
     assert (result.residual.sigma < 4 * plain.residual.sigma).all()
 
 
-def test_an_iteration_that_ends_early_says_so() -> None:
-    result = GeneralisedLeastSquares(iterations=1)(noisy(COLOURED, 0))
-    assert [type(note) for note in result.notes] == [NotConverged]
-    assert not result.converged
-
-
 def test_bound_of_correlated_noise() -> None:
     least = bound(CORRELATED)
     error, std = repeated(CORRELATED, WeightedLeastSquares(), RUNS)
@@ -79,40 +57,6 @@ def test_bound_of_correlated_noise() -> None:
     assert np.mean((plain / least) ** 2) > 1.05 * np.mean((error / least) ** 2)
     np.testing.assert_allclose(std.mean(axis=0), least, rtol=0.03)
     assert 0.92 < (np.abs(error) < 1.96 * std).mean() < 0.98
-
-
-def test_with_independent_noise_it_is_least_squares_weighted_by_joint() -> None:
-    posed_one = make_problem(ARM, multisine_motion(ARM, noise=0.01))
-    result, plain = WeightedLeastSquares()(posed_one), LeastSquares(weights="per_joint", iterations=20)(posed_one)
-    np.testing.assert_allclose(result.value, plain.value, atol=0.01 * plain.std.min())
-    np.testing.assert_allclose(result.std, plain.std, rtol=1e-3)
-    assert result.residual.whitening is not None
-    assert not result.residual.whitening.mixes
-
-
-def test_one_joint_is_plain_least_squares() -> None:
-    case = slider(values=(5.0, 8.0, 3.0, 0.5))
-    given = make_problem(case, multisine_motion(case, noise=0.1))
-    result, plain = WeightedLeastSquares()(given), LeastSquares()(given)
-    np.testing.assert_allclose(result.value, plain.value, rtol=1e-9)
-    np.testing.assert_allclose(result.covariance, plain.covariance, rtol=1e-9)
-
-
-def test_an_arm_whose_parameters_are_not_all_determined() -> None:
-    given = problem(arm(), samples=600)
-    result, plain = WeightedLeastSquares()(given), LeastSquares(weights="per_joint")(given)
-    assert result.determined.rank == plain.determined.rank < len(result.value)
-    np.testing.assert_array_equal(np.isinf(result.std), np.isinf(plain.std))
-    basis = plain.determined.directions
-    assert basis is not None
-    reference = basis.determined_directions.T @ np.diag(basis.scale**2)
-    change = reference @ (result.value - plain.value)
-    assert np.linalg.norm(change) < 0.1 * np.linalg.norm(reference @ plain.value)
-    assert result.unwhitened_rank is not None
-    assert result.unwhitened_rank.rank == result.determined.rank
-    consistent = PhysicallyConsistent(fit=WeightedLeastSquares(), costs=False)(given)
-    assert min(consistent.consistency.eigenvalues.values()) > 0  # type: ignore[union-attr]
-    assert consistent.residual.whitening is not None
 
 
 def test_it_needs_all_samples() -> None:
@@ -141,16 +85,3 @@ def test_few_samples(estimator: LinearEstimator, samples: int) -> None:
     estimate = estimator(short)
     assert np.isfinite(estimate.value).all()
     assert (estimate.std > 0).all()
-
-
-@pytest.mark.parametrize(
-    ("note", "forbidden"),
-    [
-        (WhiteningCostly("a", 2.0), Use.SIMULATION),
-        (WhiteningCostly("a", 2.0, chance=True), None),
-        (ErrorsInRegressor("a", 50.0), None),
-        (ErrorsInRegressor("a", 50.1), Use.CONTROL),
-    ],
-)
-def test_a_note_forbids_a_use_where_more_than_chance_or_half_is_wrong(note: Note, forbidden: Use | None) -> None:
-    assert note.forbidden is forbidden

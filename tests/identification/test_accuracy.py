@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from dynident.estimators import LeastSquares
-from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.identification import CHANGES, AccuracyBound, Measure, Origin, Recipe, accuracy_bound, noise_of
 from dynident.models import Model, RigidBodies
 from dynident.models.friction import Viscous
@@ -96,24 +95,6 @@ def test_the_noise_of_the_sensors_is_found() -> None:
     assert bound.noise.torques == Origin(Measure.RESIDUAL)
 
 
-def test_an_encoder_is_as_good_as_its_step() -> None:
-    model, log = swing(sigma_q=1e-9)
-    step = 1e-3
-    coarse = Log(log.t, step * np.round(log.q / step), log.tau, log.joints)
-    noise = accuracy_bound(model, [coarse], Recipe(Spline(sigma=None))).noise
-    assert noise.q == pytest.approx(step / np.sqrt(12), rel=0.01)
-
-
-def test_what_is_given_is_taken() -> None:
-    model, log = swing()
-    given = accuracy_bound(model, [log], Recipe(Spline(sigma=3e-4)), sigma_tau={model.joints[0].name: 0.2})
-    assert given.noise.q.tolist() == [3e-4]
-    assert given.noise.tau.tolist() == [0.2]
-    name = model.joints[0].name
-    assert {given.noise.positions, given.noise.torques} == {Origin(None, (name,))}
-    assert accuracy_bound(model, [log], Recipe(Spline(sigma=3e-4)), sigma_q=1e-4).noise.q.tolist() == [1e-4]
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -126,18 +107,3 @@ def test_what_cannot_be_noise(options: dict, words: str) -> None:
     model, log = swing()
     with pytest.raises(ConfigError, match=words):
         accuracy_bound(model, [log], **options)
-
-
-def test_maximum_likelihood_is_not_run_for_its_bound() -> None:
-    """The point about which the bound is taken is that of least squares."""
-    model, log = swing()
-    ours, plain = (accuracy_bound(model, [log], recipe) for recipe in (Recipe(estimator=MaximumLikelihood()), Recipe()))
-    np.testing.assert_array_equal(ours.value, plain.value)
-
-
-def test_what_the_record_does_not_show_is_infinite() -> None:
-    """A motion so small that the position noise hides its acceleration tells no inertia."""
-    model, t = pendulum(), np.arange(400) * 0.005
-    still = Log(t, 1e-12 * np.sin(t)[:, None], 1e-9 * np.cos(3 * t)[:, None], tuple(x.name for x in model.joints))
-    bound = accuracy_bound(model, [still], sigma_q=1e-3, sigma_tau=0.1)
-    assert (bound.relative > 1e3).all()

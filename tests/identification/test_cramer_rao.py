@@ -1,10 +1,8 @@
-"""The Cramer-Rao bound of eq. (7), exact and banded: published figures, closed forms, any model, gaps, its picture."""
+"""The Cramer-Rao bound of eq. (7), exact and banded: published figures, closed forms, any model, its picture."""
 
 from __future__ import annotations
 
 import runpy
-from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +13,9 @@ from dynident.identification import cramer_rao_bound, information, normal_matric
 from dynident.models import Model, RigidBodies
 from dynident.models.friction import Offset, Viscous
 from dynident.models.lagrangian import pendulum, two_link_arm
-from dynident.models.simulation import simulate, simulate_many
+from dynident.models.simulation import simulate
 from dynident.motion.log import Motion
-from dynident.regression import Regression, Selection, base_parameters
+from dynident.regression import Regression, base_parameters
 from dynident.runtime import ModelError
 from tests.identification.motions import sines
 from tests.robots import ARM
@@ -38,58 +36,7 @@ def test_the_articles_arm(name: str, level: float) -> None:
     np.testing.assert_allclose(100 * np.sqrt(np.diag(result)) / arm.values, TABLE[name, level], rtol=0.02)
 
 
-@cache
-def swing(samples: int = 101):
-    model = pendulum()
-    t = np.linspace(0, 2, samples)
-    return model, simulate(model, model.values, lambda s: [np.interp(s, t, np.sin(5 * t))], t, tolerance=1e-9)
-
-
 class TestBound:
-    @pytest.mark.parametrize("n", [41, 5])
-    def test_agrees_with_finite_differences(self, n: int) -> None:
-        """The free torque's normal equations from motions that were simulated again with each unknown changed."""
-        model, motion = swing(n)
-        theta, t = np.asarray(model.values), motion.t
-
-        def positions(x: np.ndarray) -> np.ndarray:
-            """Positions (B, N) of all runs x (B, N + 2 + p) at once: torques at the samples, initial state, theta."""
-            torques, start, values = np.split(x, [n, n + 2], axis=1)
-
-            def torque(s: float) -> np.ndarray:
-                k = int(np.clip(np.searchsorted(t, s, side="right"), 1, n - 1))
-                part = (s - t[k - 1]) / (t[k] - t[k - 1])
-                return ((1 - part) * torques[:, k - 1] + part * torques[:, k])[:, None]
-
-            made = simulate_many(model, values, torque, t, start[:, :1], start[:, 1:], tolerance=1e-11)
-            return np.stack([x.q[:, 0] for x in made])
-
-        at = np.concatenate([motion.tau[:, 0], [0.0, 0.0], theta])
-        size = 1e-4 * np.where(at == 0, 1.0, np.abs(at))
-        size[:n] = 1e-4
-        ahead, behind = np.split(positions(np.concatenate([at + np.diag(size), at - np.diag(size)])), 2)
-        J = ((ahead - behind) / (2 * size[:, None])).T
-        full = J.T @ J / 1e-6
-        full[:n, :n] += np.eye(n) / 0.01
-        m = n + 2
-        expected = full[m:, m:] - full[m:, :m] @ np.linalg.solve(full[:m, :m], full[:m, m:])
-        result = information(model, theta, motion, 1e-3, 0.1, substeps=160 // n)
-        np.testing.assert_allclose(result, expected, rtol=0.02, atol=0.01 * np.abs(expected).max())
-
-    def test_two_recordings_add_up(self) -> None:
-        model, motion = swing()
-        case = cramer_rao_bound(model, model.values, motion, 1e-3, 0.1)
-        np.testing.assert_allclose(
-            cramer_rao_bound(model, model.values, (motion, motion), 1e-3, 0.1), case / 2, rtol=1e-9
-        )
-
-    def test_knowing_the_start_helps(self) -> None:
-        model, motion = swing()
-        reference, unknown = (information(model, model.values, motion, 1e-3, 0.1, rest=rest) for rest in (True, False))
-        more = np.linalg.eigvalsh(reference - unknown)
-        assert more[-1] > 1.0
-        assert more[0] > -1e-9 * more[-1]
-
     def test_a_motion_that_says_nothing(self) -> None:
         """At rest at the bottom no inertia acts."""
         model, t = pendulum(), np.linspace(0, 1, 50)
@@ -158,34 +105,6 @@ def test_a_dense_least_squares_problem_gives_the_same(uneven: float) -> None:
     covariance = np.linalg.inv(J.T @ J)[-2:, -2:]
     result = total(model, model.values, motion, 1e-2, 0.1)
     np.testing.assert_allclose(np.linalg.inv(result), covariance, rtol=1e-6)
-
-
-def test_sensors_three_times_as_good_tell_nine_times_as_much() -> None:
-    model, motion = swing()
-    (case,) = normal_matrices(model, model.values, motion, 1e-3, 0.1)
-    np.testing.assert_allclose(case.information(3, 3), 9 * case.information(), rtol=1e-7)
-
-
-def test_a_gap_in_the_mask_parts_the_record() -> None:
-    """What is masked out says nothing; each side has a motion of its own."""
-    model, motion = swing()
-    mask = np.ones(101, bool)
-    mask[40:50] = False
-    parts = list(normal_matrices(model, model.values, replace(motion, mask=mask), 1e-3, 0.1))
-    assert [part.border.shape[0] for part in parts] == [42, 53]
-    assert (
-        np.linalg.eigvalsh(total(model, model.values, motion, 1e-3, 0.1) - sum(x.information() for x in parts))[0] > 0
-    )
-
-
-def test_torques_of_slow_samples_do_not_count() -> None:
-    model, motion = swing()
-    all_in, fast = (
-        total(model, model.values, motion, 1e-3, 0.1, selection=Selection(min_speed=min_speed))
-        for min_speed in (None, (0.5,))
-    )
-    assert np.linalg.eigvalsh(all_in - fast)[0] > 0
-    assert np.abs(motion.dq).min() < 0.5
 
 
 def test_the_picture_is_fresh() -> None:

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.identification import Gain
 from dynident.identification.cross_validation import left_out_errors, motion_gain
 from dynident.models.lagrangian import two_link_arm
 from dynident.motion.log import Motion
@@ -54,14 +53,6 @@ def test_the_gain_is_that_of_the_blocks() -> None:
     assert result.share == pytest.approx(75, abs=2)
     assert result.std == pytest.approx(np.sqrt(FOLDS) * blocks.std(ddof=1))
     assert result.sure
-
-
-@pytest.mark.parametrize("gains", [(1.0, 1.0), (1.0, 0.0)], ids=["all", "a joint without torque"])
-def test_nothing_is_gained_where_nothing_changes(gains: tuple[float, ...]) -> None:
-    case = replace(motion(), tau=motion().tau * gains)
-    assert motion_gain(two_link_arm(), [case], [case]) == Gain(0.0, 0.0)
-    assert not Gain(0.0, 0.0).sure
-    assert not Gain(1.0, 1.0).sure
 
 
 def test_leaving_out_bad_samples_gains_by_what_is_fitted_only() -> None:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.estimators import GeneralisedLeastSquares, LeastSquares
+from dynident.estimators import LeastSquares
 from dynident.estimators.maximum_likelihood import MaximumLikelihood, newton
-from dynident.estimators.notes import Failed, NotWhite, RankDeficient, StillColoured, Undetermined, WhiteningCostly
+from dynident.estimators.notes import Failed, NotWhite, RankDeficient, Undetermined
 from dynident.identification import (
     Identification,
     NotFitted,
@@ -18,17 +18,15 @@ from dynident.identification import (
     SubstituteUsed,
     identify,
     substitute_notes,
-    versions,
 )
-from dynident.models import Joint, Model, RigidBodies
-from dynident.models.friction import Offset, Viscous
+from dynident.models import Model, RigidBodies
+from dynident.models.friction import Viscous
 from dynident.models.lagrangian import two_link_arm
 from dynident.models.simulation import record, simulate
-from dynident.motion.filters import one_pole_filter
 from dynident.motion.log import Log, Motion
-from dynident.motion.smoothers import Difference, FourierSeries, Spline
+from dynident.motion.smoothers import FourierSeries, Spline
 from dynident.regression import ParallelFilter, UnexcitedParameters, informed_std
-from dynident.runtime import ConfigError, InputError, MissingInputError, progress_to
+from dynident.runtime import ConfigError, InputError, MissingInputError
 from dynident.testing.estimator import multisine_motion
 from tests.robots import joint, link, urdf
 
@@ -125,25 +123,6 @@ def test_validation_logs_are_judged_and_not_fitted(log: Log) -> None:
     assert wrong.validations[1].errors.relative_error == pytest.approx(50.0, rel=1e-2)
 
 
-def test_progress_is_reported_before_each_step(log: Log) -> None:
-    told: list[str] = []
-    with progress_to(told.append):
-        identify(ARM, {"a": log}, {"b": log}, Recipe(smoother=Difference()))
-    reducing = "reducing the regression to triangular factors"
-    smoothing, validating = (
-        [f"{words} ({k} of 2)" for k in range(2)] for words in ("smoothing the logs", "validating")
-    )
-    assert told == [*smoothing, reducing, "estimating", "repeating the smoothing", *validating]
-
-
-def test_warnings_hold_the_notes_where_the_rank_is_deficient(log: Log) -> None:
-    joints = (Joint("joint1"), Joint("joint2"))
-    model = Model((Viscous(joints), Viscous(joints, on=("joint2",), names=("again",)), Offset(joints)))
-    result = identify(model, [log], recipe=Recipe(smoother=Difference()))
-    assert result.warnings == result.estimate.notes == (RankDeficient(4, 5, (), (("Fv_joint2", "again"),)),)
-    np.testing.assert_array_equal(np.isinf(result.estimate.std), [False, True, True, False, False])
-
-
 @pytest.mark.parametrize("more", [(), (Viscous(ARM.joints, names=("again1", "again2")),)], ids=["full rank", "tied"])
 def test_errors_of_a_likelihood_count_those_of_the_motion(more: tuple[Viscous, ...]) -> None:
     """White noise: the robust errors, which take the motion for known, are never told where they are the smaller."""
@@ -187,36 +166,6 @@ def test_what_a_likelihood_says_of_a_robot_is_a_warning(fails: bool, monkeypatch
     assert any(isinstance(note, RankDeficient) for note in result.estimate.notes)
 
 
-@pytest.mark.parametrize("more", [(), (Viscous(ARM.joints, names=("a", "b")),)], ids=["all", "tied"])
-def test_standard_errors_are_those_of_whitened_rows(more: tuple[Viscous, ...], log: Log) -> None:
-    rng = np.random.default_rng(0)
-    u = rng.standard_normal((len(log) + 500, 2)) @ np.array([[1.0, 0.6], [0.0, 0.8]]) * 0.02
-    noise = np.stack([one_pole_filter(0.9, u[:, j])[500:] for j in range(2)], axis=1)
-    coloured = replace(log, tau=log.tau + noise)
-    model = replace(ARM, terms=(*ARM.terms, *more))
-    plain, result = (
-        identify(model, [coloured], recipe=Recipe(Spline(), x))
-        for x in (LeastSquares(weights="per_joint"), GeneralisedLeastSquares())
-    )
-    white = result.estimate.residual.whitening
-    assert white.orders == (1, 1)
-    assert not any(isinstance(note, StillColoured | WhiteningCostly) for note in result.warnings)
-    best = [
-        (x.errors.std_independent, x.errors.std) if not more else (x.errors.base_std_independent, x.errors.base_std)
-        for x in (plain, result)
-    ]
-    ratio = [wide / own for own, wide in best]  # type: ignore[operator]
-    assert np.median(ratio[0]) > 2 > 1.3 > np.median(ratio[1])  # independent errors are assumed in `std`
-    values = result.estimate.value if not more else result.base.on_data.to_base(result.estimate.value)  # type: ignore[union-attr]
-    np.testing.assert_allclose(result.errors.base_by_joint.sum(axis=1), values, rtol=1e-6)
-    np.testing.assert_allclose(result.errors.base_shares.sum(), 1.0, rtol=1e-9)
-
-
-def test_versions_name_what_computes() -> None:
-    assert set(versions()) == {"dynident", "kernel", "python", "numpy", "scipy", "clarabel", "polars", "platform"}
-    assert versions()["numpy"] == np.__version__
-
-
 def test_a_joint_that_is_not_fitted_is_predicted_from_the_others(log: Log) -> None:
     spoiled = replace(log, tau=np.column_stack([log.tau[:, 0], log.tau[:, 1] + 5.0 * np.sin(40 * log.t)]))
     (first, second) = spoiled.joints
@@ -230,12 +179,6 @@ def test_a_joint_that_is_not_fitted_is_predicted_from_the_others(log: Log) -> No
     for wrong, words in ((("knee",), "there is no joint 'knee'"), (spoiled.joints, "names every joint")):
         with pytest.raises(ConfigError, match=words):
             identify(ARM, [log], recipe=Recipe(unfitted=wrong))
-
-
-def test_a_free_simulation_has_the_motion_that_was_fitted(log: Log) -> None:
-    (validation,) = identify(ARM, [log], [], Recipe(Spline(sigma=1e-6), time_offset=0.02, restart=0.5)).validations
-    run = validation.free_run
-    np.testing.assert_allclose(run.measured, validation.motion.q[np.isin(validation.motion.t, run.t)], atol=1e-9)
 
 
 def test_excluded_samples_are_neither_fitted_nor_judged(log: Log) -> None:

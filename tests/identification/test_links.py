@@ -8,7 +8,7 @@ import numpy as np
 
 from dynident.estimators import PhysicallyConsistent
 from dynident.identification import Identifiability
-from dynident.identification.links import BodyInertia, DeterminedBy, LinkInertia, determined_by, link_inertias
+from dynident.identification.links import BodyInertia, DeterminedBy, LinkInertia, link_inertias
 from dynident.models import Model, RigidBodies, from_physical
 from tests.report.robots import identified
 
@@ -63,18 +63,6 @@ def test_an_ellipsoid_has_the_inertia_of_its_body() -> None:
     assert BodyInertia(-1.0, np.zeros(3), np.ones(3), np.eye(3)).ellipsoid is None
 
 
-def test_least_squares_does_not_choose() -> None:
-    """Of a tree of links the torque shows combinations: no mass is known, and no value is made up."""
-    links = link_inertias(identified())
-    assert [link.name for link in links] == ["turret", "slide", "<b>hand", "finger"]
-    assert links[0].links == ("turret", "camera")
-    assert all(link.identified is None for link in links)
-    assert not any(link.sure.any() for link in links)
-    np.testing.assert_allclose(links[2].file.values[:4], [0.7, 0, 0.02, 0.1])
-    assert set(determined_by(identified())) == {DeterminedBy.DATA, DeterminedBy.COMBINATION, DeterminedBy.NOTHING}
-    assert DeterminedBy.NOTHING not in links[0].by  # what never acts on the torque does not count
-
-
 def test_a_consistent_estimate_has_values_and_what_the_data_contribute_to_their_errors() -> None:
     identification = identified(PhysicallyConsistent())
     for case in link_inertias(identification):
@@ -85,31 +73,3 @@ def test_a_consistent_estimate_has_values_and_what_the_data_contribute_to_their_
     own = [k for k, x in enumerate(identification.model.parameters) if x.body == "finger"]
     finger = link_inertias(identification)[3]
     np.testing.assert_allclose(finger.identified.values, values(identification.estimate.value[own]), atol=1e-12)
-
-
-def test_what_the_base_parameters_hold_alone_is_sure() -> None:
-    """With the mass of the finger a base parameter by itself, its error is that of the table."""
-    identification = identified(PhysicallyConsistent())
-    basis, name = identification.base.on_data, "finger.mass"
-    k = basis.names.index(name)
-    combination = np.vstack([basis.combination, np.eye(len(basis.names))[k]])
-    r = basis.rank + 1
-    wider = replace(basis, rank=r, independent=(*basis.independent, k), combination=combination)
-    covariance = np.zeros((r, r))
-    covariance[:-1, :-1], covariance[-1, -1] = identification.errors.base_covariance, 0.01
-    std = np.append(identification.errors.base_std, 0.2)
-    errors = replace(identification.errors, base_std=std, base_covariance=covariance)
-    finger = link_inertias(replace(identification, base=replace(identification.base, on_data=wider), errors=errors))[3]
-    assert finger.sure[0]
-    np.testing.assert_allclose(finger.std[0], 0.2)
-
-
-def test_without_knowledge_of_all_base_parameters_together_there_are_no_errors() -> None:
-    identification = identified(PhysicallyConsistent())
-    old = replace(identification, errors=replace(identification.errors, base_covariance=None))
-    assert np.isnan([link_inertia.std for link_inertia in link_inertias(old)]).all()
-
-
-def test_of_as_many_parameters_the_worse_counts() -> None:
-    link = replace(link_inertias(identified())[0], by={DeterminedBy.DATA: 2, DeterminedBy.BOUND: 2})
-    assert link.main_source is DeterminedBy.BOUND

@@ -53,13 +53,6 @@ def test_the_parameters_are_found(load_result, truth):
     assert np.linalg.norm(own - load) < 0.1 * np.linalg.norm(load), "the first fit takes other friction for load"
 
 
-def test_a_saved_result_predicts_the_same(load_result, log, tmp_path):
-    again = dy.load(load_result.save(tmp_path / "result.json"), model=MODEL)
-    assert again.model.load == load_result.model.load
-    first, second = (each.predict(log) for each in (load_result, again))
-    np.testing.assert_array_equal(first.predicted_torque, second.predicted_torque)
-
-
 def test_the_memory_goes_on_in_a_free_simulation(load_result, truth):
     motion = load_result.validations[0].motion
     run = free_run(load_result.model, load_result.estimate.value, motion.select_between(2.0, 3.0), restart=0.5)
@@ -74,11 +67,6 @@ def test_maximum_likelihood_takes_the_memory_of_the_smoothed_motion(log, load_re
     recipe = dy.Recipe(estimator=dy.MaximumLikelihood())
     likely = dy.identify(MODEL, [log.window(0.0, 4.0)], recipe=recipe)
     np.testing.assert_allclose(likely.estimate.value[-6:], THETA[-6:], rtol=0.2)
-
-
-def test_a_load_that_is_given_stays(log):
-    model = MODEL.with_load(THETA)
-    assert dy.identify(model, [log.window(0.0, 4.0)]).model.load == model.load
 
 
 def test_bounds_of_friction_by_the_load_wait_for_it(log):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from functools import cache
 
@@ -19,7 +18,7 @@ from dynident.identification.motion_errors import (
     repeat_piece,
     sampled_bias,
 )
-from dynident.identification.repetition import limit_noise, pieces_of
+from dynident.identification.repetition import pieces_of
 from dynident.identification.uncertainty import identifiability_of
 from dynident.models import Model
 from dynident.models.friction import Coulomb, Viscous
@@ -77,10 +76,10 @@ def plain(case: Log, smoother: Smoother, parallel_filter: ParallelFilter | None 
     ids=["spline", "filter", "shifted"],
 )
 def test_the_bias_is_that_of_many_runs(smoother: Smoother, parallel_filter: ParallelFilter | None) -> None:
-    """Over 25 runs the mean error, less what is predicted, is a third of the mean error or chance (5 deviations)."""
-    errors = np.array([plain(log(seed), smoother, parallel_filter) - TRUTH for seed in range(25)])
+    """Over 16 runs the mean error, less what is predicted, is a third of the mean error or chance (5 deviations)."""
+    errors = np.array([plain(log(seed), smoother, parallel_filter) - TRUTH for seed in range(16)])
     bias = np.array([predicted(log(seed), smoother, parallel_filter).bias for seed in range(6)]).mean(axis=0)
-    chance = 5 * errors.std(axis=0) / np.sqrt(25)
+    chance = 5 * errors.std(axis=0) / np.sqrt(16)
     assert (np.abs(errors.mean(axis=0)) > chance).any(), "there is a bias to predict"
     assert (np.abs(errors.mean(axis=0) - bias) < 0.33 * np.abs(errors.mean(axis=0)) + chance).all()
 
@@ -117,34 +116,6 @@ def test_intervals_of_a_robust_fit_hold() -> None:
     assert np.mean(before) < 0.75
 
 
-@pytest.mark.parametrize("depends", [False, True], ids=["given weights", "weights of residuals"])
-@pytest.mark.parametrize("parallel_filter", [None, ParallelFilter(decimate=4)], ids=["all", "filter"])
-def test_weights_of_samples_count(depends: bool, parallel_filter: ParallelFilter | None) -> None:
-    """Where only the slower half of a recording counts, errors of the motion are those of that half alone."""
-    t = truth().t
-    pace = np.where(np.arange(len(t)) < 1000, 0.5, 1.0)
-    time = np.cumsum(pace) * 0.005
-    q, dq, ddq = np.sin(3 * time), 3 * pace * np.cos(3 * time), -9 * pace**2 * np.sin(3 * time)
-    made = moving(t, *(x[:, None] for x in (q, dq, ddq)))
-    test_log = record(made, SIGMA, 0.02, np.random.default_rng(0)).log
-    motion = WIDE(test_log)
-    ways = []
-    slower = np.where(np.arange(len(t))[:, None] < 1000, 1.0, 1e-6)
-    for mask, weights in ((slower[:, 0] == 1.0, ()), (np.ones(len(t), dtype=bool), (slower,))):
-        motions = (replace(motion, mask=motion.mask & mask),)
-        rows = Regression(MODEL, motions, Selection(parallel_filter), weights=weights)
-        estimate = LeastSquares()(Problem(MODEL, motions, rows))
-        slopes = tuple(np.square(w) for w in weights) if depends else ()
-        residual = replace(estimate.residual, sample_weights=weights, slopes=slopes)
-        if weights and not depends:
-            residual = replace(residual, sigma=np.array([1e3]))  # of the torque, and not of the rows
-        ways.append(motion_errors([test_log], rows, WIDE, replace(estimate, residual=residual)))
-    alone, weighted = ways
-    np.testing.assert_allclose(weighted.bias, alone.bias, rtol=0.1, atol=0.02 * np.abs(TRUTH).max())
-    np.testing.assert_allclose(np.diag(weighted.covariance), np.diag(alone.covariance), rtol=0.3)
-    assert weighted.size == pytest.approx(alone.size, rel=0.2)
-
-
 def notes(identification: Identification) -> list[type]:
     return [
         type(warning) for warning in identification.warnings if isinstance(warning, MotionCorrected | MotionTooNoisy)
@@ -158,29 +129,6 @@ def test_the_correction_is_said_and_only_made_where_it_matters() -> None:
     quiet = identify(MODEL, [log(1, 1e-6)], recipe=Recipe(WIDE))
     assert notes(quiet) == []
     np.testing.assert_array_equal(quiet.estimate.value, plain(log(1, 1e-6), WIDE))
-
-
-def test_a_bias_too_large_to_correct_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules["dynident.identification.identify"], "MAX_CORRECTED_BIAS", 1e-6)
-    result = identify(MODEL, [log(1)], recipe=Recipe(WIDE))
-    assert notes(result) == [MotionTooNoisy]
-    np.testing.assert_array_equal(result.estimate.value, plain(log(1), WIDE))
-
-
-def test_noise_that_the_residual_rules_out_is_not_believed() -> None:
-    """Of a fast motion without noise the differences look like noise, but the torque fits."""
-    test_log = record(truth(), 0.0, 0.0, np.random.default_rng(0)).log
-    coarse = test_log.rows(np.arange(len(test_log)) % 4 == 0, "coarse")
-    result = identify(MODEL, [coarse], recipe=Recipe(WIDE))
-    np.testing.assert_allclose(result.estimate.value, plain(coarse, WIDE), rtol=0.05)
-
-
-def test_noise_that_is_taken_as_twice_too_large_is_reduced_to_about_its_own() -> None:
-    """Where nothing but the noise of the positions is in the residual of the torque."""
-    recording = record(truth(), SIGMA, 0.0, np.random.default_rng(0)).log
-    (piece,) = pieces_of(MODEL, recording, WIDE(recording), WIDE, TRUTH, 1.0)
-    (limited,) = limit_noise(MODEL, [replace(piece, sigma=2 * piece.sigma)], TRUTH, np.random.default_rng(0))
-    assert limited.sigma == pytest.approx(SIGMA, rel=0.6)
 
 
 def test_noise_that_is_less_between_samples_is_no_time_offset() -> None:
@@ -239,9 +187,9 @@ def corrected_errors(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_intervals_that_count_the_error_of_the_correction_hold() -> None:
-    """Of 20 x 4 intervals at least 85 % hold (four deviations below 95 %)."""
-    errors, plain, wide = (np.array(x) for x in zip(*map(corrected_errors, range(20)), strict=True))
-    assert np.mean(np.abs(errors) < NORMAL_95 * wide) > 0.85
+    """Of 10 x 4 intervals at least 81 % hold (four deviations below 95 %)."""
+    errors, plain, wide = (np.array(x) for x in zip(*map(corrected_errors, range(10)), strict=True))
+    assert np.mean(np.abs(errors) < NORMAL_95 * wide) > 0.81
     assert (
         np.mean(np.abs(errors) < NORMAL_95 * plain) < np.mean(np.abs(errors) < NORMAL_95 * wide) - 0.1
     )  # not by the rest alone

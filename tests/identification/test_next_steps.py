@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
 
 from dynident.estimators import LeastSquares
 from dynident.identification import Identification, NextStep, Recipe, identify
-from dynident.identification.next_steps import _odd_parts, _place, next_steps
-from dynident.identification.training_parts import TrainingParts, parts_of
+from dynident.identification.next_steps import next_steps
+from dynident.identification.training_parts import parts_of
 from dynident.identification.verdict_steps import (
     Cover,
     ExcitingMotion,
@@ -178,28 +178,6 @@ def test_what_the_checks_find_gains_what_it_removes() -> None:
     assert next_steps(replace(result, warnings=tuple(findings[::-1])))[:2] == tuple(steps[:2])
 
 
-def test_what_the_checks_find_comes_before_other_steps() -> None:
-    """A fault spoils the next recording, too, though leaving samples out may gain more."""
-    fault, larger_fault = (SetRight(Finding(Removing(), "slider"), gain=gain) for gain in (0.1, 0.2))
-    leave_out = LeaveOut("a", 1.0, 2.0, 5.0, gain=0.9)
-    assert sorted([leave_out, fault, larger_fault], key=_place) == [larger_fault, fault, leave_out]
-
-
-def test_no_step_gains_what_is_the_sensors_noise() -> None:
-    log = judged_log(fitted(moved("train"), moved("held", (2.4, 4.3), seed=1)))
-    errors = replace(log.errors, rmse={"slider": 2.0}, relative_error=10.0, sensor_noise={"slider": 1.0})
-    told = replace(log, errors=errors)
-    assert gain_points(told, {"slider": 9.0}) == pytest.approx(5.0)
-    assert gain_points(replace(log, errors=replace(errors, sensor_noise={})), {"slider": 9.0}) == pytest.approx(10.0)
-    assert (
-        gain_points(told, {"slider": 0.0})
-        is gain_points(told, {"other": 1.0})
-        is gain_points(told, {"slider": -1.0})
-        is None
-    )
-    assert gain_points(replace(log, errors=replace(errors, relative_error=np.nan)), {"slider": 1.0}) is None
-
-
 def test_a_parameter_gains_what_its_error_costs_the_held_out_motion() -> None:
     """With the friction of the fit off by its standard error, which the mass takes up as well as it can."""
     train, held = moved("train"), moved("held", (2.4, 4.3), seed=1)
@@ -220,10 +198,3 @@ def test_a_parameter_gains_what_its_error_costs_the_held_out_motion() -> None:
     (step,) = of_kind(heavy, Sharpen)
     assert step.excitation is ExcitingMotion.ACCELERATE
     assert step.faster == pytest.approx(np.sqrt(6.0 / (0.3 * result.estimate.value[0])))
-
-
-def test_a_training_so_short_that_a_part_of_it_is_empty_has_no_odd_part() -> None:
-    some = np.ones((6, 1))
-    motion, block = np.zeros(6, dtype=np.intp), np.array([0, 0, 2, 2, 3, 3])
-    parts = TrainingParts(("a",), motion, block, np.arange(6.0), some[..., None], some, np.ones(1))
-    assert list(_odd_parts(parts, cast("Any", None), ["slider"])) == []

@@ -12,7 +12,7 @@ import pytest
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
 from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.identification import Identification, Recipe, identify, judge
-from dynident.identification.outliers import HeldOutOutliers, _reversal_samples
+from dynident.identification.outliers import HeldOutOutliers
 from dynident.identification.verdict_reasons import SilentTorque
 from dynident.models.lagrangian import pendulum, two_link_arm
 from dynident.models.simulation import record, simulate
@@ -77,32 +77,10 @@ def test_the_fit_is_that_without_them(kind: str, changes: dict) -> None:
     assert np.all(np.abs(fit.estimate.value - clean.estimate.value) < 5 * np.maximum(clean.errors.std, fit.errors.std))
 
 
-def test_they_can_be_kept() -> None:
-    clean, kept = unspoilt(), fitted(WRONG["one of 5000 N m"], outliers="keep")
-    assert np.any(np.abs(kept.estimate.value - clean.estimate.value) > 50 * clean.errors.std)
-
-
-@pytest.mark.parametrize(("samples", "is_near"), [(17, True), (21, False)])
-def test_a_joint_that_stops_within_four_spikes_beyond_the_end_is_at_a_reversal(samples: int, is_near: bool) -> None:
-    """It brakes evenly, and would come to rest so many samples later."""
-    t = np.arange(200) * 0.005
-    dq = 3.0 * (t[-1] + samples * t[1] - t)[:, None]
-    zero = 0 * dq
-    braking = Motion(t, zero, dq, zero - 3.0, zero, ("pivot",), np.ones(200, dtype=bool))
-    assert _reversal_samples(braking, 0).tolist() == [is_near and k >= 180 for k in range(200)]
-
-
 @pytest.mark.parametrize("seed", range(8))
 def test_a_clean_log_loses_nothing(seed: int) -> None:
     (validation,) = fitted(log(seed)).validations
     assert validation.motion.keep is None
-
-
-def test_an_arm_let_go_is_no_outlier() -> None:
-    motion = simulate(ARM, ARM.values, lambda t: [0.8 * (t < 4.0)], T)
-    swing = record(motion, sigma_q=1e-4, sigma_tau=0.0, rng=np.random.default_rng(3)).log
-    (validation,) = fitted(swing).validations
-    assert validation.motion.keep is None or validation.motion.keep.all()
 
 
 def test_a_held_out_log_is_judged_as_measured_and_its_outliers_told() -> None:
@@ -113,19 +91,6 @@ def test_a_held_out_log_is_judged_as_measured_and_its_outliers_told() -> None:
     assert note.forbidden is Use.SIMULATION
     assert replace(note, without=0.6 * note.error).forbidden is None
     assert note.without == pytest.approx(fitted(TRAIN, HELD).validations[1].errors.relative_error, rel=0.01)
-
-
-def test_a_torque_at_a_limit_nearly_always_is_fitted_as_measured() -> None:
-    (validation,) = fitted(replace(TRAIN, tau=np.clip(TRAIN.tau, -0.01, 0.01))).validations
-    assert validation.motion.keep is None
-
-
-def test_a_joint_of_which_every_torque_is_suspect_is_fitted_as_measured() -> None:
-    arm, clean = two_link_arm(), two_links()
-    tau = np.column_stack([clean.tau[:, 0], 0.5 * np.sign(clean.tau[:, 1])])
-    result = identify(arm, {"a": replace(clean, tau=tau)}, {}, Recipe(Spline(sigma=1e-4)))
-    keep = result.validations[0].motion.keep
-    assert keep.all()
 
 
 @pytest.mark.parametrize("estimator", [LeastSquares(), MaximumLikelihood()], ids=["least squares", "likelihood"])
@@ -171,13 +136,6 @@ def test_a_torque_that_was_never_recorded_spoils_nothing(estimator: Estimator, c
         assert set(case.residuals) == {"joint1"}
     (reason,) = (reason for reason in judge(result).reasons if isinstance(reason, SilentTorque))
     assert reason.joints == ("joint2",)
-
-
-def test_a_torque_missing_in_one_of_two_logs_is_known_from_the_other() -> None:
-    arm, clean, dead = two_link_arm(), two_links(), two_links(0.0)
-    result = identify(arm, {"a": clean}, {}, Recipe(Spline(sigma=1e-4)))
-    test_result = identify(arm, {"a": clean, "b": dead}, {}, Recipe(Spline(sigma=1e-4)))
-    assert np.all(np.abs(test_result.estimate.value - result.estimate.value) < 3 * result.errors.std)
 
 
 def test_a_joint_that_turns_freely_is_fitted() -> None:

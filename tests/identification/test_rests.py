@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
-from dynident.identification import Identification, Recipe, Rests, arm_rests, identify, moving_span, rest_blocks
+from dynident.identification import Identification, Recipe, Rests, identify, moving_span
 from dynident.identification.recipe import trim_rests, without_rests
 from dynident.models.lagrangian import two_link_arm
 from dynident.motion.log import Log, Motion
@@ -30,13 +29,6 @@ def log(*parts: tuple[float, float], noise: float = NOISE, size: float = 1.0) ->
     q = size * np.column_stack([np.sin(2 * s), 0.5 * np.cos(3 * s)])
     q = q + noise * np.random.default_rng(0).standard_normal(q.shape)
     return Log(np.arange(len(s)) * STEP, q, np.cos(q), JOINTS, "log")
-
-
-def test_a_log_that_never_rests_is_the_same() -> None:
-    moving = log((20.0, 1.0))
-    assert arm_rests(moving) == ()
-    assert trim_rests(moving) is moving
-    assert moving_span(moving) == (moving.t[0], moving.t[-1])
 
 
 def test_rests_at_the_ends_are_cut_but_for_a_moment() -> None:
@@ -66,29 +58,6 @@ STAY = {
 @pytest.mark.parametrize("still", STAY.values(), ids=STAY)
 def test_what_is_no_long_rest_stays(still: Log) -> None:
     assert trim_rests(still) is still
-
-
-def test_one_joint_at_rest_is_no_rest_of_the_arm() -> None:
-    still = log((5.0, 0.0), (20.0, 1.0))
-    case = replace(still, q=np.column_stack([still.q[:, 0], np.sin(2 * still.t)]))
-    assert rest_blocks(case)[:49, 0].all()
-    assert trim_rests(case) is case
-
-
-def test_a_flickering_encoder_is_at_rest() -> None:
-    still = log((5.0, 0.0), (20.0, 1.0), noise=0.0)
-    rng = np.random.default_rng(1)
-    counts = np.round(still.q / 4e-4 + rng.uniform(-0.3, 0.3, still.q.shape)) * 4e-4
-    assert trim_rests(replace(still, q=counts)).t[0] == pytest.approx(4.7, abs=0.11)
-
-
-def test_spikes_of_the_positions_are_no_motion_and_no_noise() -> None:
-    moving, still = log((20.0, 1.0)), log((5.0, 0.0), (20.0, 1.0))
-    for case in (moving, still):
-        q = case.q.copy()
-        q[[300, 900, 2000], 0] += 50.0
-        span = moving_span(replace(case, q=q))
-        assert span == pytest.approx(moving_span(case), abs=0.11)
 
 
 @cache

@@ -30,16 +30,6 @@ def example() -> Identification:
     return identify(model, [log], [replace(log, source="again")], sought)
 
 
-def test_the_recipe_as_used_leaves_nothing_to_choose(example: Identification) -> None:
-    (smoother,), offset = example.recipe.smoothers, example.recipe.time_offset
-    assert isinstance(offset, float)
-    assert smoother == (TimeShifted(Spline(), offset) if offset else Spline())
-    tilt = example.calibration.base_tilt
-    assert example.recipe.base_tilt == (tilt.x, tilt.y)
-    log = example.validations[0].recorded_log
-    np.testing.assert_array_equal(example.recipe.motion(log).ddq, example.validations[0].motion.ddq)
-
-
 def test_the_recipe_as_used_gives_the_same_again(example: Identification) -> None:
     """To the model as it was given: the tilt of the base is in the recipe."""
     model, _ = tilted(0.0, 0.0)
@@ -73,14 +63,6 @@ def test_a_controller_sees_positions_when_they_were_stamped(is_looped: bool) -> 
     start = smooth_log(Spline(), log) if is_looped else validation.motion
     expected = free_run(result.model, result.estimate.value, start, drive, restart=0.5)
     np.testing.assert_array_equal(validation.free_run.q, expected.q)
-
-
-def test_a_new_log_is_predicted_with_joints_in_any_order(example: Identification) -> None:
-    log = example.validations[1].recorded_log
-    turned = log.select(tuple(reversed(log.joints)))
-    predicted = example.predict(turned)
-    np.testing.assert_array_equal(predicted.predicted_torque, example.validations[1].predicted_torque)
-    assert predicted.errors.relative_error == example.validations[1].errors.relative_error
 
 
 def test_a_recipe_with_several_smoothers_has_no_motion_yet(example: Identification) -> None:

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from dynident.estimators import Ridge
 from dynident.identification import Identification, Remedy, Verdict, judge
 from dynident.identification import verdict_reasons as why
 from dynident.identification import verdict_rules as rules
 from dynident.identification.links import scaled_covariance
-from dynident.identification.verdict_rules import ConstraintEffect, constraint_effect
+from dynident.identification.verdict_rules import ConstraintEffect
 from dynident.identification.verdict_steps import ExcitingMotion, HoldOutFaster, Sharpen
-from dynident.models import Joint, Model, Parameter, Term
 from dynident.motion.log import stack_states, subsample
 from dynident.runtime import Use
 from dynident.validation import Driver, FloorOrigin, LogValidation, NoiseFloor
 from tests.kept import check_kept, facts
-
-Array = NDArray[np.float64]
 
 
 def with_held(identification: Identification, **changes: Any) -> Verdict:
@@ -105,14 +101,6 @@ def test_an_error_is_harmless_where_it_is_small_beside_what_the_joint_can_exert(
     assert judged(40.0, 0.2 * largest, floors=at_floor).use is Use.CONTROL
 
 
-def test_the_worst_training_log_is_what_must_carry_over(arm: Identification) -> None:
-    train, held = arm.validations
-    easy = replace(train, errors=replace(train.errors, relative_error=0.1))
-    hard = replace(train, errors=replace(train.errors, relative_error=4.5))
-    tested = replace(held, errors=replace(held.errors, relative_error=8.5))
-    assert judge(replace(arm, validations=(easy, hard, tested))).use is Use.SIMULATION
-
-
 @pytest.mark.parametrize(("driver", "limit"), [(Driver.TORQUE, 25.0), (Driver.CONTROLLER, 1.0)])
 def test_limits_of_the_free_simulation(arm: Identification, driver: Driver, limit: float) -> None:
     run = arm.validations[1].free_run
@@ -168,15 +156,6 @@ def test_limits_of_what_physics_may_hold_back(
     assert free.reasons == (why.InertiasFree(),)
     drawn = judge(replace(arm, recipe=replace(arm.recipe, estimator=Ridge())))
     assert [type(reason) for reason in drawn.reasons] == ([] if use is Use.SIMULATION else [why.DrawnBack])
-
-
-def test_a_friction_of_zero_is_physical(arm: Identification) -> None:
-    for value, reasons in ((0.0, ()), (-1e-9, (why.NegativeValues(("Fv_elbow",)),))):
-        values = arm.estimate.value.copy()
-        values[arm.model.names.index("Fv_elbow")] = value
-        free = replace(arm, estimate=replace(arm.estimate, value=values))
-        result = tuple(reason for reason in judge(free).reasons if isinstance(reason, why.NegativeValues))
-        assert result == reasons
 
 
 @pytest.mark.parametrize(("share", "use"), [(0.501, Use.SIMULATION), (0.499, Use.CONTROL)])
@@ -277,67 +256,6 @@ def test_the_motion_asked_for_is_one_that_shows_the_parameter(arm: Identificatio
     (case,) = (step for step in steps if step.parameter == "Fv_shoulder")
     torque = case.std * np.linalg.norm(arm.model.regressor(motion.q, motion.dq, motion.ddq)[:, :, k])
     assert case.share == pytest.approx(100 * torque / np.linalg.norm(motion.tau), rel=0.02)
-
-
-@dataclass(frozen=True)
-class InUnits(Term):
-    """A model whose parameters are counted in other units: of a millionth, their columns are a millionth as large."""
-
-    model: Model
-    unit: float
-
-    @property
-    def joints(self) -> tuple[Joint, ...]:
-        return self.model.joints
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return self.model.parameters
-
-    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
-        return self.unit * self.model.regressor(q, dq, ddq)
-
-
-@pytest.mark.parametrize("unit", [1e-12, 1e-6, 1e6])
-def test_the_motion_asked_for_is_the_same_in_any_unit(arm: Identification, unit: float) -> None:
-    badly = dict.fromkeys(("fore.mx", "fore.Iyy", "upper.Iyy", "Fv_shoulder"), 10.0)
-    free = replace(arm.estimate, consistency=None, value=arm.estimate.value / unit)
-    other = replace(arm, model=Model((InUnits(arm.model, unit),)), estimate=free)
-    steps, same = sharpened(arm, badly), sharpened(other, badly)
-    assert len(steps) == len(badly)
-    for case, again in zip(steps, same, strict=True):
-        assert (again.parameter, again.excitation, again.joint) == (case.parameter, case.excitation, case.joint)
-        assert again.share == pytest.approx(case.share)
-
-
-def test_only_what_is_unsure_and_matters_is_sharpened_five_at_most(arm: Identification) -> None:
-    assert [step.parameter for step in sharpened(arm, {"fore.mx": 0.31, "Fv_elbow": 0.29})] == ["fore.mx"]
-    assert sharpened(arm, {"fore.mx": np.inf}) == []
-    assert (
-        sharpened(replace(arm, estimate=replace(arm.estimate, value=1e-4 * arm.estimate.value)), {"fore.mx": 0.5}) == []
-    )
-    assert len(sharpened(arm, dict.fromkeys(arm.model.names, 50.0))) == 5
-
-
-def test_growth_and_distance_of_a_friction_that_is_held(arm: Identification) -> None:
-    """The residual of one joint, 0.02 N m, is joined by dq; joints count alike; torques at twice the speed."""
-    motion, value = arm.validations[0].motion, arm.estimate.value.copy()
-    value[arm.model.names.index("Fv_elbow")] += 1.0
-    held = constraint_effect(replace(arm, estimate=replace(arm.estimate, value=value)))
-    extra = motion.dq[:, 1]
-    share = 0.02**2 / (0.02**2 + np.mean(extra**2))
-    assert held.growth == pytest.approx(100 * (np.sqrt(2 / (1 + share)) - 1), rel=0.01)
-    torque = arm.model.torque(motion.q, 2 * motion.dq, 4 * motion.ddq, value)
-    assert held.torque_change == pytest.approx(100 * np.linalg.norm(2 * extra) / np.linalg.norm(torque), rel=0.02)
-
-
-def test_nothing_is_held_back_at_rest(arm: Identification) -> None:
-    """Without any torque there is nothing to compare with."""
-    (train, held) = arm.validations
-    silent = replace(train, signals=replace(train.signals, motion=replace(train.motion, tau=0 * train.motion.tau)))
-    none = replace(arm, validations=(silent, held), estimate=replace(arm.estimate, value=0 * arm.estimate.value))
-    result = constraint_effect(none)
-    assert (result.growth, result.torque_change) == (0.0, 0.0)
 
 
 def test_the_figures_of_an_identification_stay(arm: Identification) -> None:

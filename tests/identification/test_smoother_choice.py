@@ -47,13 +47,6 @@ def test_raw_differences_and_distorting_filters_lose_to_the_spline() -> None:
     assert choice.candidates == candidates
 
 
-def test_coloured_noise_asks_for_more_than_its_differences_show() -> None:
-    """The white-noise estimate is far too small where neighbouring errors are alike."""
-    choice = choose_smoother(two_link_arm(), [log(coloured=True)], FACTORS)
-    assert choice.smoother.factor > 1
-    assert choice.errors[0] > 1.5 * min(choice.errors)
-
-
 def test_a_candidate_that_cannot_smooth_is_passed_over() -> None:
     jittered = log()
     t = jittered.t + 0.001 * (np.arange(2001) % 2)
@@ -97,14 +90,6 @@ def test_identify_passes_its_executor_on() -> None:
     assert np.array_equal(result.estimate.value, alone.estimate.value)
 
 
-def test_the_error_is_that_of_held_out_stretches() -> None:
-    """With noise-free data and motion it vanishes; with pure noise for torque it is about one hundred percent."""
-    arm, test_motion = two_link_arm(), motion()
-    assert cross_validated_error(arm, [test_motion]) < 1e-6
-    noise = np.random.default_rng(0).standard_normal(test_motion.tau.shape)
-    assert 95 < cross_validated_error(arm, [replace(test_motion, tau=noise)]) < 110
-
-
 def test_long_logs_are_judged_by_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is chosen is what the whole would choose, and no candidate sees more than the pieces."""
     smoother = choose_smoother(two_link_arm(), [log(coloured=True)], FACTORS)
@@ -141,7 +126,7 @@ def unlike_motion() -> Motion:
         arm.values,
         lambda s: (0.3 * np.sin(14 * s) + 0.3 * np.sin(9.7 * s), 1.2 * np.sin(2.1 * s) + 0.4 * np.sin(2.9 * s)),
         np.arange(2000) * 0.005,
-        tolerance=1e-7,
+        tolerance=1e-5,
     )
 
 

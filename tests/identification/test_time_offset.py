@@ -8,21 +8,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dynident.estimators import LeastSquares
 from dynident.identification import Gain, Recipe, align_motion, find_time_offset, identify
-from dynident.identification.calibration import prepare, prepare_in_rounds
-from dynident.identification.dataset import Dataset
-from dynident.identification.mounting import tilt_base
-from dynident.identification.time_offset import _minimise_error
 from dynident.models import Model, RigidBodies, RotorInertia
 from dynident.models.friction import Dahl, Offset, Viscous
 from dynident.models.lagrangian import slider, two_link_arm
 from dynident.models.simulation import record
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Spline, TimeShifted
-from dynident.regression import Selection
 from tests.identification.motions import sines
-from tests.identification.terms.simulated import bodies, states
 from tests.robots import joint, link, urdf
 
 UPPER_ARM = RigidBodies(
@@ -62,21 +55,6 @@ def test_the_time_offset_is_the_one_put_in_and_its_errors_are_those_by_hand(dela
     assert time_offset.after == pytest.approx(left(sliding(0.0, 0.2)), rel=0.02)
 
 
-@pytest.mark.parametrize("value", [0.0, 5.0, np.nan])
-def test_an_error_without_a_least_one_is_that_without_offset(value: float) -> None:
-    best, after, before = _minimise_error(lambda _: value)
-    assert best == 0.0
-    assert (after, before) == pytest.approx((value, value), nan_ok=True)
-
-
-@pytest.mark.parametrize("unknown", [-0.001, 0.0, 0.001, 0.003])
-def test_an_error_that_is_not_known_is_not_the_least(unknown: float) -> None:
-    """Beside it, the best of the trials is not refined; without it at zero there is nothing to compare with."""
-    best, after, before = _minimise_error(lambda x: np.nan if x == unknown else 1.0 + (x - 0.0012) ** 2)
-    assert best == {-0.001: pytest.approx(0.0012, abs=2e-5), 0.0: 0.0, 0.001: 0.0, 0.003: 0.001}[unknown]
-    assert np.isnan(after) == np.isnan(before) == (unknown == 0.0)
-
-
 def test_an_offset_that_removes_next_to_nothing_of_the_error_is_none() -> None:
     """Half a percent of the error decides, whatever the noise."""
     small, large = (find_time_offset(slider(), [sliding(0.004, noise)]) for noise in (60.0, 1.0))
@@ -101,29 +79,6 @@ def test_an_offset_of_a_buffer_is_found_and_said_to_be_unusual(delay: float) -> 
     assert "look for" not in str(replace(time_offset, seconds=0.03))
 
 
-@pytest.mark.parametrize("delay", [-0.2, 0.12])
-def test_an_offset_beyond_the_range_is_none(delay: float) -> None:
-    motion = sliding(delay, 0.2)
-    time_offset = find_time_offset(slider(), [motion])
-    assert time_offset.seconds == 0.0
-    assert time_offset.after == time_offset.before == pytest.approx(left(motion), rel=0.02)
-
-
-def test_the_unit_of_the_torque_does_not_matter() -> None:
-    motion = sliding(0.004, 0.2)
-    small = find_time_offset(slider(), [replace(motion, tau=1e-9 * motion.tau)])
-    time_offset = find_time_offset(slider(), [motion])
-    assert (small.seconds, small.before, small.after) == pytest.approx(
-        (time_offset.seconds, time_offset.before, time_offset.after), rel=1e-4
-    )
-
-
-def test_a_log_of_one_usable_sample_is_left_out() -> None:
-    motion = sliding(0.004, 0.2)
-    lone = replace(motion, mask=np.arange(len(motion)) == 2000)
-    assert find_time_offset(slider(), [motion, lone]).seconds == pytest.approx(0.004, abs=1e-4)
-
-
 def test_what_is_masked_does_not_count_in_an_offset_or_its_error() -> None:
     motion = sliding(0.004, 0.2)
     used = np.abs(np.arange(len(motion)) - 2000) > 50
@@ -133,12 +88,6 @@ def test_what_is_masked_does_not_count_in_an_offset_or_its_error() -> None:
         (clean.seconds, clean.std, clean.after), rel=1e-6
     )
     assert 0 < result.std < 1e-3
-
-
-def test_without_torque_there_is_no_error_and_no_offset() -> None:
-    motion = sliding(0.004, 0.0)
-    time_offset = find_time_offset(slider(), [replace(motion, tau=0 * motion.tau)])
-    assert (time_offset.seconds, time_offset.before, time_offset.after) == (0.0, 0.0, 0.0)
 
 
 @cache
@@ -179,15 +128,6 @@ def test_the_standard_error_of_a_time_offset_is_its_scatter(monkeypatch: pytest.
     assert np.std(ratios) > 0.3
 
 
-def test_an_offset_that_is_not_significant_is_not_applied(monkeypatch: pytest.MonkeyPatch) -> None:
-    arm, motion = swing(1001, 0.01)
-    noise = 0.3 * np.random.default_rng(2).standard_normal(motion.tau.shape)
-    monkeypatch.setattr("dynident.identification.time_offset.MIN_ERROR_REDUCTION", -1.0)
-    time_offset = find_time_offset(arm, [replace(motion, tau=motion.tau + noise)])
-    assert time_offset.seconds == 0.0
-    assert 0 < time_offset.std < 0.1
-
-
 def imitated(share: float) -> Motion:
     """A slider with a torque that grows with the jerk, as if it were late by 30 ms, in a share of the time."""
     motion = sliding(0.0, 0.2)
@@ -205,15 +145,6 @@ def test_an_offset_that_a_missing_torque_imitates_for_a_while_is_none(monkeypatc
     assert (part.seconds, part.after) == (0.0, part.before)
     assert full.gain.sure
     assert full.seconds == pytest.approx(-0.03, abs=1e-3)  # the torque is that of before
-
-
-def test_an_offset_is_compared_on_the_samples_that_are_fast_without_it() -> None:
-    """So that none wins by what it leaves out; wrong torques among the slow ones do not count."""
-    motion = sliding(0.004, 0.2)
-    wrong = replace(motion, tau=motion.tau + 50.0 * (np.abs(motion.dq) < 0.05))
-    time_offset = find_time_offset(slider(), [wrong], selection=Selection(min_speed=(0.2,)))
-    keep = replace(motion, keep=np.abs(motion.dq) >= 0.2)
-    assert time_offset == find_time_offset(slider(), [keep])
 
 
 def test_what_the_motion_invents_of_an_offset_is_taken_off() -> None:
@@ -247,33 +178,6 @@ def test_an_invented_offset_beyond_the_range_leaves_none(delay: float) -> None:
     assert time_offset.after == time_offset.before == pytest.approx(left(motion), rel=0.02)
 
 
-@pytest.mark.parametrize(("delay", "seconds"), [(-0.0005, 0.0315), (-0.003, 0.0)])
-def test_what_is_left_of_an_offset_is_within_the_range_too(delay: float, seconds: float) -> None:
-    """Of 31 ms where a repetition shows some of the other sign, more is left: up to 32 ms."""
-    sets = [[sliding(delay, 0.2)]]
-    time_offset = find_time_offset(slider(), [sliding(0.031, 0.2)], repeat=lambda _: sets)
-    assert time_offset.seconds == pytest.approx(seconds, abs=1e-4)
-    assert (time_offset.after < time_offset.before) == (seconds > 0)
-
-
-def test_what_is_left_of_an_offset_must_remove_half_a_percent_itself() -> None:
-    """The whole removes 0.7 %, what is left of it 0.4 %; both are far above their standard errors."""
-    motion, invented = sliding(0.004, 5.0, 8000), sliding(0.002, 0.2, 8000)
-    time_offset = find_time_offset(slider(), [motion])
-    rest = find_time_offset(slider(), [motion], repeat=lambda _: [[invented]])
-    assert 0.005 < 1 - time_offset.after / time_offset.before < 0.008
-    assert (rest.seconds, rest.after) == (0.0, rest.before)
-    assert 3 * rest.std < 0.002
-
-
-def test_nothing_is_repeated_where_no_offset_is_seen() -> None:
-    def repeat(_: np.ndarray) -> list[list[Motion]]:
-        pytest.fail("repeated for nothing")
-
-    for motion in (sliding(0.0, 0.2), sliding(0.004, 6.0, 8000), sliding(0.2, 0.2)):
-        assert find_time_offset(slider(), [motion], repeat=repeat).seconds == 0.0
-
-
 def test_a_smoother_that_shifts_keeps_its_shift_unless_another_predicts_better() -> None:
     arm, motion = swing()
     noisy = record(motion, 1e-5, 1e-2, np.random.default_rng(3)).log
@@ -283,23 +187,6 @@ def test_a_smoother_that_shifts_keeps_its_shift_unless_another_predicts_better()
         assert isinstance(result.smoother, TimeShifted)
         assert result.smoother.smoother == Spline()
         assert result.smoother.time_offset == result.time_offset.seconds == pytest.approx(0.0033, abs=1e-4)
-
-
-def test_an_offset_is_sought_again_on_a_base_that_proves_tilted() -> None:
-    """The torque of the tilt hides the offset from a search on a level base."""
-    t, q, dq, ddq = states(3, 2000)
-    level, rng = Model((bodies(),)), np.random.default_rng(1)
-    theta = np.array([parameter.value for parameter in level.parameters])
-    tau = tilt_base(level, 0.05, 0.03).torque(q, dq, ddq, theta)
-    tau += 0.02 * tau.std(axis=0) * rng.standard_normal(tau.shape)
-    q += 1e-5 * rng.standard_normal(q.shape)
-    log = Log(t[1:], q[:-1], tau[1:], tuple(joint.name for joint in level.joints))  # a sample, 5 ms, late
-    recipe = Recipe((Spline(),), LeastSquares(), time_offset="estimate", base_tilt="estimate")
-    data = Dataset.of([log], [], recipe, log.joints)
-    assert prepare(level, data, recipe).alignment.time_offset.seconds == 0
-    result = prepare_in_rounds(level, data, recipe)
-    assert abs(result.alignment.time_offset.seconds - 0.005) < 2 * result.alignment.time_offset.std < 0.0005
-    assert result.angles[1] == pytest.approx(0.03, abs=2e-3)
 
 
 def presliding(seed: int, delay: float = 0.004) -> Log:

@@ -116,12 +116,6 @@ def test_what_was_found_is_advised_before_looking_for_it_or_recording(
     assert verdict.next[:2] == (SetRight(Finding(Advice())), remedy)
 
 
-def test_a_note_of_the_estimate_may_forbid_a_use_too(good: Identification) -> None:
-    verdict = judge(replace(good, estimate=replace(good.estimate, notes=(NoSimulation(),))))
-    assert verdict.use is Use.CONTROL
-    assert verdict.reasons == (why.ForbiddingFindings((Finding(NoSimulation()),)),)
-
-
 def test_what_forbids_use_is_advised_first(good: Identification) -> None:
     """Only then what to record next, and a simulation last."""
     wrong = (Finding(Remark("a fault"), "slider", severity=Severity.ERROR),)
@@ -180,14 +174,6 @@ def test_a_fit_that_misses_its_own_data_is_not_good_by_an_easier_log(
     worse = [reason for reason in verdict.reasons if isinstance(reason, why.TrainedWorse)]
     assert worse == ([why.TrainedWorse(good.validations[0].name, trained, trained / held)] if held == 5.4 else [])
     assert verdict.use is use
-
-
-def test_an_error_that_the_low_pass_takes_away_is_forgiven_up_to_a_limit(good: Identification) -> None:
-    first = with_errors(good.validations[0], relative_error_filtered=3.0)
-    held = with_errors(good.validations[1], relative_error=20.0, relative_error_filtered=4.0)
-    verdict = judge(replace(good, validations=(first, held)))
-    assert verdict.use is Use.SIMULATION
-    assert verdict.held_out == HeldOut(4.0, 3.0, (20.0, good.validations[0].errors.relative_error))
 
 
 def of_errors(**changes: Any) -> Change:

@@ -10,6 +10,7 @@ import io
 import json
 import re
 import time
+from functools import cache
 from html.parser import HTMLParser
 from urllib.parse import unquote
 from xml.sax.saxutils import quoteattr
@@ -248,10 +249,15 @@ def test_every_command_only_shows_names(tmp_path):
     assert drafted["model"]["file"] == f"{ODD}.urdf"
 
 
+@cache
+def fleet_tags(name):
+    return Tags(fleet_page(fleet(4, 4, name)))
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_the_page_of_a_fleet_only_shows_names(name):
     """Of robots, types, joints, parameters, logs, and what errors say of them."""
-    mine, usual = Tags(fleet_page(fleet(4, 4, name))), Tags(fleet_page(fleet(4, 4, "odd")))
+    mine, usual = fleet_tags(name), fleet_tags("odd")
     assert mine.tags == usual.tags
     assert mine.running == usual.running
     assert [link for link in mine.links if not link.startswith(("./", "#"))] == []

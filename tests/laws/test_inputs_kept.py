@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 import dynident as dy
-from dynident.files.opener import open_input, refuse_inputs, remember_inputs, watch_inputs
-from dynident.files.tables import read_columns
+from dynident.files.opener import refuse_inputs, watch_inputs
 from dynident.project.config import read_config
 from dynident.runtime import ConfigError
 from tests.cli.commands import configure, run, write_log
@@ -174,17 +173,3 @@ def test_what_a_configuration_names_is_an_input_before_it_is_opened(place: Path)
             with pytest.raises(ConfigError, match="would be replaced"):
                 refuse_inputs(place / name)
         refuse_inputs(place / "other.csv")
-
-
-def test_outside_a_command_nothing_is_remembered(tmp_path: Path) -> None:
-    file = tmp_path / "a.csv"
-    file.write_text("t\n1\n2\n")
-    read_columns(file)
-    with open_input(file):
-        refuse_inputs(file)
-    with watch_inputs():
-        remember_inputs(file)
-        with watch_inputs(), pytest.raises(ConfigError, match=r"a\.csv: would be replaced, but this run reads it;"):
-            refuse_inputs(file)
-    with watch_inputs():
-        refuse_inputs(file)

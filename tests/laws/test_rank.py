@@ -14,7 +14,7 @@ from scipy.stats import binom
 
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent, Problem
 from dynident.estimators.notes import HeldByConstraints, RankDeficient
-from dynident.identification import Identification, Recipe, accuracy_bound, identify
+from dynident.identification import Identification, Recipe, identify
 from dynident.models import Model, RigidBodies, RotorInertia
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.motion.log import Log, Motion
@@ -145,24 +145,6 @@ def test_the_elbow_of_a_planar_arm_may_be_printed_with_any_digits(angle: str, es
     assert np.abs(fit.estimate.value).max() < 10
     assert fit.base.unexcited == ()
     assert fit.validations[0].errors.relative_error < 7
-
-
-def test_the_bound_has_as_many_parameters() -> None:
-    model = driven(arm("2R", 5))
-    bound = accuracy_bound(model, [recorded(moved(model, np.arange(1000) * 0.005), 0)])
-    assert len(bound.names) == exact("2R")
-    assert np.isfinite(bound.std["now"]).all()
-
-
-@pytest.mark.parametrize("kind", ARMS)
-@pytest.mark.parametrize("off", [3e-6, -7e-6])
-def test_angles_that_stand_for_nothing_but_are_nearly_right_add_no_rank(kind: str, off: float) -> None:
-    """Such as a compiler makes of 3.14159: there is no printed number to go by, but their effect is too small."""
-    model = driven(arm(kind, off=off))
-    on_data = base_parameters(
-        Regression(model, (moved(model, np.arange(1500) * 0.01),)).triangular_factors.stack(), model.parameters
-    )
-    assert (structural_base_parameters(model).rank, on_data.rank) == (exact(kind), exact(kind))
 
 
 @pytest.mark.parametrize("kind", ARMS)
@@ -336,11 +318,3 @@ def test_intervals_hold_where_the_true_bodies_break_physics_and_a_note_says_what
         place = {name: k for k, name in enumerate(basis.groupings)}
         assert place[note.moved[0][0]] == np.argmax(held / least_squares)
         assert all(held[place[name]] > 2.5 * least_squares[place[name]] for name, _ in note.moved)
-
-
-def test_nothing_is_held_where_the_true_bodies_are_physical() -> None:
-    true = driven(arm("2R"))
-    result = identify(
-        true, [recorded(moved(true, np.arange(2000) * 0.005), 0)], recipe=Recipe(estimator=PhysicallyConsistent())
-    )
-    assert not [note for note in result.estimate.notes if isinstance(note, HeldByConstraints)]

@@ -22,11 +22,9 @@ from dynident.regression import (
     informed_std,
     structural_base_parameters,
 )
-from dynident.regression.base_parameters import _choose_columns
 from dynident.runtime import ModelError
 from tests.estimators.welded import Drag, single
 from tests.regression.dense import triangularise
-from tests.robots import joint, link, urdf
 
 Array = NDArray[np.float64]
 PANDA = Path(__file__).parents[3] / "shared" / "data" / "panda" / "panda.urdf"
@@ -68,25 +66,6 @@ def test_groupings_read_as_in_the_literature() -> None:
     assert result.without_effect == ()
 
 
-def test_signs_and_factors_of_a_grouping() -> None:
-    X = noise(5)
-    X[:, 1], X[:, 2], X[:, 3], X[:, 4] = -0.5 * X[:, 0], -X[:, 0], X[:, 0], 1.00001 * X[:, 0]
-    assert read(X, columns(*"abcde")).groupings == ("a - 0.5*b - c + d + e",)
-
-
-def test_later_bodies_and_masses_before_rotors_lead() -> None:
-    X = noise(3)
-    X[:, 0] = X[:, 2]
-    for roles in ({"a": ("Izz", "one"), "b": ("Izz", "two")}, {"a": ("rotor", ""), "b": ("mass", "one")}):
-        assert set(read(X, columns("a", "x", "b", **roles)).groupings) == {"x", "b + a"}
-
-
-def test_column_without_effect_is_named() -> None:
-    X = noise(3) * np.array([1.0, 0.0, 1e-6])
-    result = read(X, columns("a", "b", "c"))
-    assert (result.rank, result.without_effect, result.single_parameters) == (2, ("b",), ("a", "c"))
-
-
 def test_full_rank_and_no_rank() -> None:
     full, none = read(noise(3), columns("a", "b", "c")), read(np.zeros((9, 2)), columns("a", "b"))
     np.testing.assert_array_equal(full.combination, np.eye(3))
@@ -119,15 +98,6 @@ def test_base_parameters_carry_all_of_the_torque(seed: int, rank: int, extra: in
     assert result.null_directions.shape == (p, extra)
 
 
-def test_tolerance_decides_on_nearly_dependent_columns() -> None:
-    X = noise(3)
-    X[:, 2] = X[:, 1] + 1e-6 * X[:, 2]
-    strict, loose = (read(X, columns("a", "b", "c"), tolerance=t) for t in (1e-9, 1e-4))
-    assert (strict.rank, loose.rank) == (3, 2)
-    assert 1e4 < loose.gap < 1e8
-    assert loose.groupings == ("a", "b + c")
-
-
 def test_wrong_shapes() -> None:
     result = read(noise(2), columns("a", "b"))
     with pytest.raises(ModelError, match=r"factor has shape \(2, 2\), expected \(3, 3\) or \(4, 4\)"):
@@ -143,14 +113,6 @@ def test_factors_that_are_not_those_of_the_base_parameters() -> None:
     other = triangularise(iter([RegressorBlock(noise(2)[:, None], np.zeros((50, 1)))]), 1, 2)
     with pytest.raises(ModelError, match=r"factors have shape \(3, 3\), expected \(4, 4\)\."):
         base_std(result, other, np.ones(1))
-
-
-def test_structural_rank_of_known_models() -> None:
-    """All of the article's parameters; all ten of a free body; those but the mass where moments alone are felt."""
-    assert structural_base_parameters(two_link_arm()).rank == len(two_link_arm().names)
-    assert structural_base_parameters(single()).rank == 10
-    felt = structural_base_parameters(single(moments_only=True))
-    assert (felt.rank, felt.without_effect) == (9, ("b1.mass",))
 
 
 @pytest.mark.skipif(not PANDA.exists(), reason="the Panda's robot file is not part of the project")
@@ -204,33 +166,6 @@ def test_joints_that_help_only_together() -> None:
     assert (missing.together, missing.still) == (True, ())
 
 
-class InUnits(Drag):
-    """A friction in another unit."""
-
-    def __init__(self, joints: tuple[Joint, ...], unit: float) -> None:
-        super().__init__(joints, "viscous")
-        object.__setattr__(self, "unit", unit)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter("again", ""),)
-
-    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
-        return self.unit * super().regressor(q, dq, ddq)
-
-
-@pytest.mark.parametrize("unit", [np.pi * 1e-10, np.pi, np.pi * 1e10])
-def test_missing_excitation_is_the_same_in_any_unit(unit: float) -> None:
-    """Rounding of a combination with large factors is no missing excitation, and a small effect is one."""
-    joints = (Joint("a"), Joint("b"))
-    model = Model((Drag(joints, "viscous"), InUnits(joints, unit), Drag(joints, "viscous", 1)))
-    structural = structural_base_parameters(model)
-    assert find_unexcited(structural, on_data(model, motion(model)), model) == ()
-    for still, kept in ((0, "viscous_a"), (1, "viscous_b")):
-        (missing,) = find_unexcited(structural, on_data(model, motion(model, still=(still,))), model)
-        assert [grouping.split(" ")[0] for grouping in missing.groupings] == [kept]
-
-
 class Product(Drag):
     """A torque dq_a dq_b on the first joint."""
 
@@ -272,27 +207,3 @@ def test_standard_errors_of_base_parameters_are_those_of_least_squares_on_the_in
     information = np.einsum("kja,j,kjb->ab", X, 1 / noise**2, X)
     np.testing.assert_allclose(informed_std(basis, information), weighted, rtol=1e-8)
     assert np.isinf(informed_std(basis, np.zeros((4, 4)))).all()
-
-
-def test_rounded_angles_of_a_robot_file_add_no_base_parameter() -> None:
-    def rank(right: float, **settings: float) -> int:
-        parts = [link("base", 5.0), *(link(f"l{k}", 2.0, (0.1, 0.02, 0.05)) for k in range(3))]
-        turns = ((0.0, 0.0, 0.0), (right, 0.0, 0.0), (0.0, 0.0, 0.0))
-        names = ("base", "l0", "l1", "l2")
-        joints = [joint(f"j{k}", "revolute", names[k], names[k + 1], (0.2, 0.0, 0.1), turns[k]) for k in range(3)]
-        bodies = RigidBodies(urdf(*parts, *joints))
-        model = Model((bodies, RotorInertia(bodies.joints)))
-        result = structural_base_parameters(model, **settings)
-        on_data = structural_base_parameters(model, np.random.default_rng(4), **settings)
-        assert find_unexcited(result, on_data, model) == ()
-        return result.rank
-
-    assert rank(1.57080001) == rank(np.pi / 2) == rank(np.pi / 2, tolerance=1e-12)
-    assert rank(1.57080001, tolerance=1e-12) > rank(1.57080001)
-
-
-def test_of_columns_that_are_nearly_dependent_the_largest_remainder_leads() -> None:
-    """After the first, none is a hundredth away from the others: the last is farthest."""
-    R = np.array([[1.0, 1.0, 1.0], [0.0, 2e-3, 9e-3], [0.0, 0.0, 0.0]])
-    assert _choose_columns(R, 2, [0, 1, 2]) == [0, 2]
-    assert _choose_columns(R, 1, [1, 0, 2]) == [1]

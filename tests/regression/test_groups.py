@@ -9,14 +9,7 @@ from dynident.apps.demo.arm import true_model
 from dynident.models import CoupledMotor, Joint, Model, RotorInertia
 from dynident.models.friction import Coulomb, Offset, Ripple, Viscous
 from dynident.motion.log import Motion
-from dynident.regression import (
-    GroupKind,
-    evidence,
-    groups_of,
-    independent_columns,
-    kinds_of,
-    structural_base_parameters,
-)
+from dynident.regression import GroupKind, evidence, groups_of, kinds_of, structural_base_parameters
 from dynident.regression.groups import repeated_rows
 
 
@@ -41,7 +34,9 @@ def test_each_joint_has_its_groups_and_the_last_body_a_payload() -> None:
 def test_a_change_of_the_parameters_moves_the_base_parameters_within_its_group() -> None:
     arm = true_model()
     basis, rng = structural_base_parameters(arm), np.random.default_rng(0)
+    kinds = dict(zip(arm.names, kinds_of(arm), strict=True))
     for case in groups_of(arm, basis):
+        assert {kinds[name] for name in case.names} == {case.kind}
         theta, other = np.zeros(len(arm.names)), np.zeros(len(arm.names))
         columns = [arm.names.index(name) for name in case.names]
         other[columns] = step = rng.standard_normal(len(columns))
@@ -59,22 +54,6 @@ def test_the_friction_of_a_coupled_motor_is_its_own() -> None:
         (GroupKind.FRICTION, "wrist"): ("Fv_wrist", "Fc_wrist"),
         (GroupKind.OFFSET, "wrist"): ("offset_wrist",),
     }
-
-
-def test_each_parameter_has_the_kind_of_its_group() -> None:
-    arm = true_model()
-    basis, kinds = structural_base_parameters(arm), dict(zip(arm.names, kinds_of(arm), strict=True))
-    for case in groups_of(arm, basis):
-        assert {kinds[name] for name in case.names} == {case.kind}
-    last = arm.parameters[-1].body or [parameter.body for parameter in arm.parameters if parameter.body][-1]
-    for case in arm.parameters:
-        assert (kinds[case.name] is None) == (case.role == "rotor" or (bool(case.body) and case.body != last))
-
-
-def test_columns_count_that_are_independent_of_those_before() -> None:
-    first, second = np.array([1.0, 2.0, 0.0]), np.array([0.0, 1.0, 1e-3])
-    columns = np.stack([first, 3 * first, 0 * first, second, first - 2 * second, first + 1e-9 * np.eye(3)[2]], axis=1)
-    assert independent_columns(columns) == [0, 3]
 
 
 def test_a_tenth_of_a_motion_is_passed_again() -> None:

@@ -11,13 +11,11 @@ from dynident.estimators.least_squares import solve_least_squares
 from dynident.models import Joint, Model, Parameter, Partials, Term
 from dynident.models.friction import Viscous
 from dynident.motion.log import Motion
-from dynident.motion.splines import stretches
 from dynident.regression import ParallelFilter, Regression, Selection, linear_problem
 from dynident.runtime import InputError
-from tests.regression.random_motion import ARM, THETA, drawn, holes, motion
+from tests.regression.random_motion import ARM, THETA, holes, motion
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 def rows(motions: Sequence[Motion]) -> Array:
@@ -45,51 +43,6 @@ def test_merged_blocks_are_one_big_least_squares(monkeypatch: pytest.MonkeyPatch
         rtol=1e-12,
         atol=1e-12 * float(np.linalg.norm(direct)),
     )
-
-
-@pytest.mark.parametrize("size", [7, 64, 4096])
-def test_blocks_hold_the_usable_samples_in_order(monkeypatch: pytest.MonkeyPatch, size: int) -> None:
-    monkeypatch.setattr(linear_problem, "BLOCK", size)
-    monkeypatch.setattr(linear_problem, "BLOCK_ENTRIES", size)
-    motions = (motion(mask=holes(), seed=1), motion(100, seed=2))
-    Y, tau = drawn(motions)
-    np.testing.assert_array_equal(Y.transpose(1, 0, 2), rows(motions)[:, :, :-1])
-    np.testing.assert_array_equal(tau.T, rows(motions)[:, :, -1])
-    assert max(len(block.tau) for block in Regression(ARM, motions).blocks()) <= size
-
-
-@pytest.mark.parametrize("parallel_filter", [None, ParallelFilter(decimate=2)])
-def test_residuals_are_rows_of_their_own(parallel_filter: ParallelFilter | None) -> None:
-    made = Regression(ARM, (motion(50),), Selection(parallel_filter), bias=0.1 * THETA)
-    (case,), (left,), ((_, _, residual, _),) = made.blocks(), made.entries(theta=THETA), made.residuals(THETA)
-    for result in (left.tau.T, residual):
-        np.testing.assert_allclose(result, case.tau - case.Y @ THETA, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("mask", "runs"),
-    [
-        ("", []),
-        ("0", []),
-        ("1", [(0, 1)]),
-        ("000", []),
-        ("111", [(0, 3)]),
-        ("1011", [(0, 1), (2, 4)]),
-        ("0110100", [(1, 3), (4, 5)]),
-    ],
-)
-def test_stretches(mask: str, runs: list[tuple[int, int]]) -> None:
-    result = stretches(np.array([c == "1" for c in mask], dtype=bool))
-    assert [(run.start, run.stop) for run in result] == runs
-
-
-@pytest.mark.parametrize("weights", [None, (1.0, 1.0), (0.1, 30.0)])
-def test_stacked_joints_with_weights(weights: tuple[float, float] | None) -> None:
-    motions = (motion(200),)
-    factor = Regression(ARM, motions).triangular_factors.stack(None if weights is None else np.array(weights))
-    case = np.concatenate([w * part for w, part in zip(weights or (1.0, 1.0), rows(motions), strict=True)])
-    assert factor.shape == (8, 8)
-    np.testing.assert_allclose(factor.T @ factor, case.T @ case, rtol=0, atol=1e-12 * np.sum(case**2))
 
 
 def test_joints_of_another_arm_are_refused() -> None:
@@ -156,33 +109,3 @@ def test_a_bias_is_taken_off_the_solution_alone(parallel_filter: ParallelFilter 
     np.testing.assert_allclose(
         solve_least_squares(less.subtract_bias(-bias).triangular_factors.stack()).value, before.value, rtol=1e-8
     )
-
-
-@pytest.mark.parametrize("weights", [None, np.array([2.0, 0.5])])
-def test_pulls_are_the_products_with_the_rows(weights: Array | None) -> None:
-    test_motion = motion(noise=0.0)
-    regression = Regression(ARM, (test_motion,), selection=Selection(min_speed=(0.5, 0.0)))
-    c = np.random.default_rng(2).normal(size=(*test_motion.tau.shape, 3))
-    w2 = np.ones(2) if weights is None else weights**2
-    kept = (np.abs(test_motion.dq) >= (0.5, 0.0)) * test_motion.mask[:, None] * w2
-    Y = ARM.regressor(test_motion.q, test_motion.dq, test_motion.ddq)
-    np.testing.assert_allclose(
-        regression.weighted_products([c], weights), np.einsum("bjp,bj,bjk->pk", Y, kept, c), rtol=1e-10
-    )
-
-
-def test_a_filtered_motion_has_the_torque_and_motion_of_the_rows() -> None:
-    """Stretch by stretch, as the regression filters; the samples between are as they were."""
-    t = np.arange(600) * 0.01
-    wave = np.sin(np.outer(t, [3.0, 60.0, 100.0, 40.0]))
-    mask = np.ones(600, dtype=bool)
-    mask[250:260] = False
-    q, dq, ddq, tau = (wave[:, [k]] for k in range(4))
-    motion = Motion(t, q, dq, ddq, tau, ("slider",), mask, source="made")
-    low = ParallelFilter(decimate=4)
-    assert low.cutoff_at(motion) == pytest.approx(10.0)
-    result = low.filter_motion(motion)
-    for part in (slice(0, 250), slice(260, 600)):
-        np.testing.assert_allclose(result.tau[part], low.apply(low.sections(motion), tau[part]))
-        np.testing.assert_allclose(result.q[part], low.apply(low.sections(motion), q[part]))
-    np.testing.assert_array_equal(result.tau[250:260], tau[250:260])

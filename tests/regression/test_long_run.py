@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from dynident.regression.whitening import bandwidth, long_run
+from dynident.regression.whitening import bandwidth
 
 
 def andrews(series: list[np.ndarray]) -> int:
@@ -50,13 +50,3 @@ def test_bandwidth_has_limits() -> None:
     rho = 0.9999
     capped = 1.1447 * (4 * rho**2 / (1 - rho**2) ** 2 * 1e5) ** (1 / 3)
     assert bandwidth(iter([iter([constant])])) == min(int(np.ceil(capped)), 10_000)
-
-
-def test_the_long_run_sum_is_the_double_sum_over_all_stretches() -> None:
-    rng = np.random.default_rng(3)
-    series = [lfilter([1.0], [1.0, -0.8], rng.standard_normal((rows, 2)), axis=0) for rows in (400, 150)]
-    length, expected = andrews(series), np.zeros((2, 2))
-    for u in series:
-        k = np.arange(len(u))
-        expected += u.T @ np.maximum(0, 1 - np.abs(k[:, None] - k) / length) @ u
-    np.testing.assert_allclose(long_run(series), expected, rtol=1e-9)

@@ -5,11 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.estimators.least_squares import solve_least_squares
 from dynident.motion.splines import stretches
 from dynident.regression import ParallelFilter, Regression, Selection, linear_problem
 from dynident.runtime import ConfigError
-from tests.regression.random_motion import ARM, RATE, THETA, drawn, holes, motion
+from tests.regression.random_motion import ARM, RATE, drawn, holes, motion
 
 FILTERS = [
     ParallelFilter(cutoff=20.0, order=2),
@@ -41,23 +40,6 @@ def test_filtered_pieces_fit_together(
         np.testing.assert_allclose(result, direct, rtol=0, atol=1e-9 * np.abs(direct).max())
 
 
-@every_filter
-def test_the_relation_survives_filter_and_decimation(parallel_filter: ParallelFilter) -> None:
-    made = motion(2000, noise=0.0, mask=holes(2000))
-    Y, tau = drawn((made,), parallel_filter)
-    np.testing.assert_allclose(tau, Y @ THETA, rtol=0, atol=1e-12 * np.abs(tau).max())
-    result = solve_least_squares(Regression(ARM, (made,), Selection(parallel_filter)).triangular_factors.stack())
-    np.testing.assert_allclose(result.value, THETA, rtol=1e-9)
-
-
-@pytest.mark.parametrize(("pole", "samples"), [(0.0, 12), (0.5, 40), (-0.9, 263)])
-def test_memory_of_the_filter(pole: float, samples: int) -> None:
-    """The slowest pole's power falls to 1e-12; one at zero forgets at once."""
-    sections = np.array([[1.0, 1.0, 0.0, 1.0, -pole, 0.0]])
-    assert ParallelFilter(2).pad_samples(sections) == samples
-    assert abs(pole) ** samples <= 1e-12
-
-
 @pytest.mark.parametrize("frequency", [1.0, 5.0, 12.0])
 def test_gain_of_the_filter(frequency: float) -> None:
     """Forward and backward: without phase, gain 1 / (1 + r^(2 order)), r the ratio of the warped frequencies."""
@@ -67,12 +49,6 @@ def test_gain_of_the_filter(frequency: float) -> None:
     ratio = np.tan(np.pi * frequency / RATE) / np.tan(np.pi * 5.0 / RATE)
     result = parallel_filter.apply(parallel_filter.sections(made), x)[500:-500]
     np.testing.assert_allclose(result, x[500:-500] / (1 + ratio**4), atol=1e-6)
-
-
-def test_default_cutoff_is_four_fifths_of_half_the_remaining_rate() -> None:
-    made = motion()
-    stated = ParallelFilter(decimate=5, cutoff=0.8 * 0.5 * RATE / 5)
-    np.testing.assert_allclose(ParallelFilter(decimate=5).sections(made), stated.sections(made), rtol=1e-9)
 
 
 @pytest.mark.parametrize("used", [1, 2, 5])

@@ -14,15 +14,12 @@ from dynident.regression import (
     Selection,
     TriangularFactors,
     divide_regression,
-    factorise,
     factors_of_parts,
     merge_factors,
-    pack_factors,
-    unpack_factors,
 )
 from dynident.runtime import InputError
 from tests.regression.test_linear_problem import ARM, THETA, holes, motion
-from tests.regression.test_triangular import MODEL, drawn, squares
+from tests.regression.test_triangular import squares
 
 
 def problem(parallel_filter: ParallelFilter | None = None) -> Regression:
@@ -58,16 +55,6 @@ def test_parts_hold_every_usable_sample_once_and_reach_over_no_gap() -> None:
             np.testing.assert_array_equal(count, case.mask)
 
 
-def test_a_part_has_the_rows_of_its_time() -> None:
-    given = problem()
-    regression = replace(given, selection=Selection(given.filter))
-    parts = (RegressionPart(1, 100, 350), RegressionPart(0, 0, 200))
-    assert [factors_of_part.rows.tolist() for factors_of_part in factors_of_parts(regression, parts)] == [
-        [250, 250],
-        [97, 97],
-    ]
-
-
 @pytest.mark.parametrize("kind", ["threads", "processes"])
 def test_any_executor_gives_the_same_factors_in_the_same_order(kind: str) -> None:
     regression = problem()
@@ -80,18 +67,6 @@ def test_any_executor_gives_the_same_factors_in_the_same_order(kind: str) -> Non
         result = factors_of_parts(regression, parts, pool)
     for case, alone in zip(result, factors_of_parts(regression, parts), strict=True):
         np.testing.assert_array_equal(case.factors, alone.factors)
-
-
-def test_packed_factors_are_unpacked_to_the_last_digit() -> None:
-    case, _ = drawn(300)
-    factors = factorise([case], MODEL.structure)
-    content = pack_factors(factors, MODEL.structure)
-    assert len(content) < 0.4 * factors.factors.nbytes  # zeros are left out
-    again = unpack_factors(content, factors.rows.tolist(), MODEL.structure)
-    np.testing.assert_array_equal(again.factors, factors.factors)
-    np.testing.assert_array_equal(again.rows, factors.rows)
-    with pytest.raises(ValueError, match="NumPy boolean array indexing"):
-        unpack_factors(content[:-8], factors.rows.tolist(), MODEL.structure)
 
 
 def test_a_part_that_fails_is_named() -> None:

@@ -32,32 +32,6 @@ def test_a_column_is_rounding_beside_those_of_its_kind_only_in_a_robot_file() ->
     assert precision(FREE) < 1e-9 < precision(BODY) < 1e-4
 
 
-def test_columns_of_a_kind_share_the_scale_of_the_largest_in_any_unit() -> None:
-    roles = ("mass", "mx", "my", "Ixx", "Izz", "viscous", "coulomb")
-    parameters = [Parameter(f"{role}{k}", "", role=role) for k in (1, 2) for role in roles]
-    sizes = np.array([3, 5, 7, 0.2, 0.3, 11, 13, 2, 6, 4, 0.1, 0.5, 12, 14.0])
-    for unit in (1e-9, 1.0, 1e6):
-        rank = rank_of(np.diag([*unit * sizes, 0.0]), parameters)
-        np.testing.assert_allclose(rank.scale / unit, [3, 7, 7, 0.5, 0.5, 11, 13, 3, 7, 7, 0.5, 0.5, 12, 14])
-        assert rank.rank == 14
-
-
-def test_what_is_reached_is_what_is_determined_and_the_parameters_asked_for() -> None:
-    """One without effect is reached on request, and two that are tied together only along what they share."""
-    X = columns([1.0, 10.0, 0.1, 0.0])
-    X = np.column_stack([X, 4 * X[:, 0]])
-    rank = rank_of(factor(X))
-    none, asked = np.zeros(5, dtype=bool), np.arange(5) == 3
-    way = np.array([4.0, 0.0, 0.0, 0.0, 1.0]) / np.sqrt(17)
-    for axes, expected in ((none, [*np.eye(5)[[1, 2]], way]), (asked, [*np.eye(5)[[1, 2, 3]], way])):
-        reached = rank.spanning_directions(axes)
-        np.testing.assert_allclose(reached.T @ reached, np.eye(len(expected)), atol=1e-12)
-        np.testing.assert_allclose(reached @ reached.T, np.transpose(expected) @ expected, atol=1e-9)
-    assert not rank.spanning_directions(none)[3].any()
-    case = rank.spanning_directions(np.arange(5) == 0)  # its partner makes up for it
-    np.testing.assert_allclose(case @ case.T, np.diag([1.0, 1.0, 1.0, 0.0, 1.0]), atol=1e-9)
-
-
 @pytest.mark.parametrize("way", ["factor", "information", "within"])
 def test_the_inverse_of_a_singular_information_keeps_what_undetermined_parameters_share(way: str) -> None:
     """Scores need the whole pseudo-inverse; the covariance tells nothing of what is not determined."""
@@ -100,17 +74,3 @@ def test_weights_of_the_rows_do_not_decide() -> None:
     full = rank_of(factor(X[:, :3]), FREE[:3])
     again = rank_of(factor(X[:, :3]), FREE[:3], unweighted=full)
     np.testing.assert_allclose(again.inverse, full.inverse, rtol=1e-12)
-
-
-def test_rounding_below_zero_in_an_information_is_zero() -> None:
-    result = rank_of(factor(columns([1.0, 1.0, 1.0]))).with_information(np.diag([4.0, 1.0, -1e-15]))
-    assert result.rank == 2
-    assert result.values[-1] == 0.0
-    assert result.condition == np.inf
-
-
-def test_a_regressor_of_zeros_determines_nothing_with_and_without_weights() -> None:
-    shown = rank_of(np.zeros((4, 4)))
-    for result in (shown, rank_of(np.zeros((4, 4)), unweighted=shown)):
-        assert (result.rank, result.undetermined_mask.all()) == (0, True)
-        assert result.values.tolist() == [0.0, 0.0, 0.0]

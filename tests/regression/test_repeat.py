@@ -27,12 +27,6 @@ def test_a_repeat_is_found_at_its_lag(lag: float) -> None:
     assert result.error < 1
 
 
-def test_the_same_samples_are_told_from_a_repeat() -> None:
-    test_log = log(0.0, 1)
-    assert repeat_of(test_log.window(4.0), test_log).error < 1e-6
-    assert repeat_of(log(0.0, 2), test_log).error > 1e-3
-
-
 @pytest.mark.parametrize("seed", range(5, 15))
 def test_another_motion_is_none(seed: int) -> None:
     """A heavy arm, whose torque hardly varies: the positions tell."""

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dynident.models import random_states
-from dynident.regression import EntryBlock, RegressorBlock, TriangularFactors, factorise, one_thread
+from dynident.regression import EntryBlock, RegressorBlock, factorise, one_thread
 from dynident.regression.triangular import _controller
 from tests.models.test_structure import arm
 from tests.regression.dense import triangularise
@@ -40,23 +40,6 @@ def test_factors_of_the_entries_are_those_of_the_regressor() -> None:
     np.testing.assert_array_equal(np.tril(factors.factors, -1), 0.0)
     theta = np.random.default_rng(0).normal(size=p)
     np.testing.assert_allclose(factors.residual(theta), full.residual(theta), rtol=1e-12)
-
-
-def test_few_rows_are_stacked_to_a_whole_factor() -> None:
-    factors = np.zeros((2, 4, 4))
-    factors[:, 0] = [[1, 2, 3, 4], [0, 1, 0, 1]]
-    assert TriangularFactors(factors, np.array([1, 1])).stack().shape == (4, 4)
-
-
-def test_a_block_gives_regressor_torque_and_weighted_rows() -> None:
-    case, full = drawn(30)
-    theta, weight = np.random.default_rng(2).normal(size=p), np.random.default_rng(3).uniform(1, 2, (n, 30))
-    np.testing.assert_allclose(case.regressor(), full.Y, atol=1e-12 * np.abs(full.Y).max())
-    np.testing.assert_allclose(case.torque(theta).T, full.Y @ theta, rtol=1e-9)
-    np.testing.assert_allclose(case.regressor(np.eye(p)[:, :3]), full.Y[:, :, :3], atol=1e-12 * np.abs(full.Y).max())
-    heavy = case.scale_rows(weight)
-    np.testing.assert_allclose(heavy.regressor(), full.Y * weight.T[:, :, None], atol=1e-12 * np.abs(full.Y).max())
-    np.testing.assert_array_equal(heavy.tau, case.tau * weight)
 
 
 def test_shapes_that_do_not_fit_are_an_error() -> None:

@@ -119,13 +119,6 @@ def test_columns_that_depend_on_others_do_so_in_mixed_rows() -> None:
     np.testing.assert_allclose(R.T @ R, G, atol=1e-11 * np.abs(G).max())
 
 
-def test_ages_count_the_rows_before() -> None:
-    np.testing.assert_array_equal(
-        preceding_counts(np.array([True, True, False, True, True, True]))[[0, 1, 3, 4, 5]], [0, 1, 0, 1, 2]
-    )
-    assert len(preceding_counts(np.zeros(0, dtype=bool))) == 0
-
-
 @pytest.mark.parametrize(
     ("coefficients", "covariance", "words"),
     [

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from dynident.motion.log import Log, Motion
-from dynident.motion.smoothers import Difference, Spline, TimeShifted
+from dynident.motion.smoothers import Difference, Spline
 from dynident.motion.splines import Fixed, smooth
 from dynident.validation import LogValidation, Signals, SmoothedAway, TorqueErrors, follow_tests, smoothing_losses
 
@@ -53,14 +53,6 @@ def test_noise_alone_is_not_flagged(rho: float) -> None:
         log = Log(T, (0.02 * np.sin(0.3 * T) + noise)[:, None], np.ones((N, 1)), ("hinge",))
         flagged += follow_tests(Spline(Fixed(lam=lam), sigma=NOISE)(log), log)["hinge"].is_following
     assert flagged == 0
-
-
-def test_a_time_offset_changes_nothing() -> None:
-    motion, log = smoothed(2.0)
-    delayed = TimeShifted(Spline(sigma=2.0 * NOISE), 0.0021)(log)
-    assert follow_tests(delayed, log)["hinge"].share == pytest.approx(
-        follow_tests(motion, log)["hinge"].share, rel=0.05
-    )
 
 
 def test_it_is_not_known_of_other_smoothers_and_of_joints_at_rest() -> None:

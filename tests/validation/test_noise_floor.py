@@ -66,13 +66,6 @@ def test_white_noise_stands_in_where_nothing_repeats() -> None:
     assert with_floors([log(np.random.default_rng(0), period=47.0)])[0].floors == {}
 
 
-def test_another_log_of_the_motion_tells_the_scatter_too() -> None:
-    first, second = (log(np.random.default_rng(seed), 1.0, period=47.0, name=str(seed)) for seed in range(2))
-    assert floor(first, second).size == pytest.approx(NOISE, rel=0.1)
-    different = log(np.random.default_rng(2), period=31.0, name="c")
-    assert with_floors([first, different])[0].floors == {}
-
-
 def test_passes_that_the_model_tells_apart_are_no_scatter() -> None:
     """The positions repeat, but a torque that the model predicts differs, as with pulses on a stiff drive."""
     test_log = log(np.random.default_rng(0))
@@ -88,20 +81,6 @@ def test_too_few_independent_samples_tell_nothing() -> None:
         test_log, signals=Signals(replace(test_log.motion, tau=test_log.predicted_torque), test_log.predicted_torque)
     )
     assert with_floors([silent])[0].floors == {}
-
-
-def test_all_joints_together() -> None:
-    floors = {"a": NoiseFloor(1.0, 1.0, 1.1, FloorOrigin.REPEATS), "b": NoiseFloor(2.0, 2.0, 2.2, FloorOrigin.WHITE)}
-    test_log = log(np.random.default_rng(0))
-    both = replace(
-        test_log, errors=replace(test_log.errors, rmse={"a": 1.0, "b": 4.0, "c": float("nan")}), floors=floors
-    )
-    assert both.over_floor == pytest.approx(np.sqrt(17 / 5))
-    assert not both.at_floor
-    assert replace(
-        both, errors=replace(both.errors, rmse={"a": 1.0, "c": float("nan")}), floors={"a": floors["a"]}
-    ).at_floor
-    assert replace(both, floors={}).over_floor is None
 
 
 @pytest.mark.parametrize("size", [0.0, 4.0])

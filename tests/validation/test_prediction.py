@@ -14,7 +14,7 @@ from dynident.models.robot_files import RobotJointLimits
 from dynident.motion.log import Motion
 from dynident.regression import ParallelFilter, Selection
 from dynident.runtime import InputError, ModelError
-from dynident.validation import check_mass, relative_error, validate
+from dynident.validation import check_mass, validate
 
 MODEL = Model((Viscous((Joint("a"), Joint("b", "prismatic"))),))
 THETA = (2.0, 10.0)
@@ -25,23 +25,6 @@ def motion(dq: ArrayLike, tau: ArrayLike, mask: ArrayLike | None = None) -> Moti
     t, zero = np.linspace(0, 1, len(velocity)), np.zeros_like(velocity)
     used = np.ones(len(t), dtype=bool) if mask is None else np.asarray(mask, dtype=bool)
     return Motion(t, zero, velocity, zero, np.asarray(tau, dtype=float), ("a", "b"), used, "morning")
-
-
-@pytest.mark.parametrize(
-    ("measured", "predicted", "percent"),
-    [
-        ((3, 4), (3, 4), 0.0),
-        ((3, 4), (0, 0), 100.0),
-        ((3, 4), (3, 0), 80.0),
-        ((3, 4), (6, 8), 100.0),
-        ((0, 0), (0, 0), float("nan")),
-        ((0, 0), (1, 0), float("nan")),
-        ((), (), float("nan")),
-    ],
-)
-def test_relative_error(measured: tuple[float, ...], predicted: tuple[float, ...], percent: float) -> None:
-    result = relative_error(np.array(measured, dtype=float), np.array(predicted, dtype=float))
-    assert result == pytest.approx(percent, nan_ok=True)
 
 
 def test_errors_by_hand() -> None:
@@ -62,21 +45,6 @@ def test_a_joint_without_torque_has_no_relative_error() -> None:
     assert validation.errors.per_joint["b"] == pytest.approx(100.0)
     assert validation.errors.rmse == pytest.approx({"a": 2.0, "b": 5.0})
     assert validation.errors.relative_error == pytest.approx(100 * np.sqrt(29 / 25))
-
-
-def test_without_any_torque_there_is_no_relative_error() -> None:
-    validation = validate(
-        MODEL, THETA, motion([[1, 1]] * 50, [[0, 0]] * 50), selection=Selection(filter=ParallelFilter(2))
-    )
-    assert validation.errors.relative_error_filtered is not None
-    assert np.isnan(
-        [
-            validation.errors.relative_error,
-            validation.errors.relative_error_filtered,
-            *validation.errors.per_joint.values(),
-        ]
-    ).all()
-    assert validation.errors.rmse == pytest.approx({"a": 2.0, "b": 10.0})
 
 
 def test_filtered_error_forgives_noise_above_the_cutoff_and_the_unfiltered_does_not() -> None:
@@ -100,13 +68,6 @@ def test_filtered_error_keeps_what_is_below_the_cutoff() -> None:
     )
     assert validation.errors.relative_error == pytest.approx(10.0)
     assert validation.errors.relative_error_filtered == pytest.approx(10.0)
-
-
-def test_single_samples_cannot_be_filtered() -> None:
-    made = motion([[1, 1]] * 10, [[2, 10]] * 10, np.arange(10) % 2)
-    validation = validate(MODEL, THETA, made, selection=Selection(filter=ParallelFilter(2)))
-    assert validation.errors.relative_error == 0.0
-    assert np.isnan(validation.errors.relative_error_filtered or 0.0)
 
 
 def test_no_usable_sample() -> None:
@@ -134,25 +95,6 @@ def test_errors_of_each_joint_in_other_measures() -> None:
     assert validation.errors.r2 == pytest.approx({"a": 1.0, "b": 1 - 1.0 / 1.0})
     assert validation.errors.per_joint_filtered == {}
     assert validate(MODEL, THETA, motion([[1, 1]] * 3, [[2, 10]] * 3)).errors.effort_share == {}
-
-
-def test_filtered_errors_of_each_joint_make_up_the_whole() -> None:
-    rng = np.random.default_rng(1)
-    velocity = rng.normal(size=(400, 2))
-    made = motion(velocity, velocity * THETA + rng.normal(size=(400, 2)) * (1.0, 0.0))
-    validation = validate(MODEL, THETA, made, selection=Selection(filter=ParallelFilter(2)))
-    assert validation.errors.per_joint_filtered["b"] < 1e-9 < 1 < validation.errors.per_joint_filtered["a"]
-    assert validation.errors.relative_error_filtered is not None
-    assert validation.errors.relative_error_filtered < validation.errors.per_joint_filtered["a"]
-
-
-def test_residuals_are_examined_on_the_longest_stretch() -> None:
-    mask = np.ones(300, dtype=bool)
-    mask[100] = False
-    torque = np.random.default_rng(2).normal(size=(300, 2))
-    torque[:100] += 50.0  # would correlate everything
-    validation = validate(MODEL, THETA, motion(np.ones((300, 2)), torque, mask))
-    assert abs(validation.residuals["a"].lag1) < 0.3
 
 
 def test_mass_is_looked_at_over_the_logs_and_within_the_limits() -> None:

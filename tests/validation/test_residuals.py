@@ -29,13 +29,6 @@ def ar1(rho: float, n: int, seed: int) -> np.ndarray:
     return lfilter([1.0], [1.0, -rho], noise)[1000:]
 
 
-def test_autocorrelation_is_that_of_the_sums() -> None:
-    x = np.random.default_rng(0).normal(3.0, 2.0, 40)
-    centred = x - x.mean()
-    direct = [np.sum(centred[: 40 - k] * centred[k:]) / np.sum(centred**2) for k in range(40)]
-    np.testing.assert_allclose(autocorrelation(x), direct, atol=1e-12)
-
-
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9, 0.98])
 def test_decorrelation_of_a_known_series(rho: float) -> None:
     """1 + 2 sum rho^k = (1 + rho) / (1 - rho); a mean of 20 series is within a tenth."""
@@ -85,19 +78,6 @@ def test_white_noise_is_no_ripple_and_no_model() -> None:
     assert test.decorrelation == pytest.approx(STEP, rel=0.3)
     assert test.low_share == pytest.approx(0.05, abs=0.02)  # 5 of 100 Hz
     assert test.causes == (HighFrequency(),)
-
-
-@pytest.mark.parametrize("residual", [np.zeros(N), np.ones(N), np.ones(20)])
-def test_nothing_to_examine(residual: np.ndarray) -> None:
-    test = residual_test(residual, DQ[: len(residual)], STEP)
-    assert np.isnan(test.lag1)
-    assert test.causes == ()
-
-
-def test_a_joint_that_stands_still_and_a_slow_sampling() -> None:
-    noise = np.random.default_rng(6).standard_normal(N)
-    assert residual_test(noise, np.zeros(N), STEP).sign_correlation == 0.0
-    assert np.isnan(residual_test(noise, DQ, 0.11).low_share)
 
 
 def test_the_moments_of_filtered_noise_are_those_of_its_correlation() -> None:

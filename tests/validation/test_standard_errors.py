@@ -18,7 +18,6 @@ from dynident.regression import linear_problem as module
 from dynident.regression.whitening import bandwidth
 from dynident.runtime import ModelError
 from dynident.validation import clustered_std, plain_std, robust_covariance
-from dynident.validation import standard_errors as hac
 
 JOINTS = (Joint("a"), Joint("b"))
 MODEL = Model((Viscous(JOINTS), Offset(JOINTS)))
@@ -94,41 +93,6 @@ def test_is_the_printed_formula_with_its_own_bandwidth(
     np.testing.assert_allclose(part, expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("weights", [(1.0, 1.0), (2.0, 0.5)])
-def test_plain_errors_are_those_of_independent_residuals_of_each_joint(weights: tuple[float, float]) -> None:
-    """A^-1 (sum w_j^4 s_j^2 Y_j' Y_j) A^-1 with s_j^2 the mean square of joint j."""
-    regression = Regression(MODEL, (motion(0, 0.0, 300), motion(1, 0.0, 500)))
-    theta, w2 = np.array([2.0, 3.0, 1.0, -1.0]), np.square(weights)
-    Y = np.concatenate([MODEL.regressor(x.q, x.dq, x.ddq) for x in regression.motions])
-    tau = np.concatenate([x.tau for x in regression.motions])
-    square = np.mean((tau - Y @ theta) ** 2, axis=0)
-    inverse = np.linalg.inv(np.einsum("j,bji,bjk->ik", w2, Y, Y))
-    expected = inverse @ np.einsum("j,bji,bjk->ik", w2**2 * square, Y, Y) @ inverse
-    result = hac.plain_std(regression, theta, np.asarray(weights), range(4))
-    np.testing.assert_allclose(result, np.sqrt(np.diag(expected)), rtol=1e-9)
-
-
-def test_of_two_samples_one_parameter_leaves_one() -> None:
-    """n / (n - p) sum u^2 / n^2 of a mean of two, and n / 1 where no sample is left."""
-    joint = (Joint("a"),)
-    t = np.arange(2.0)
-    still = np.zeros((2, 1))
-    test_motion = Motion(t, still, still, still, np.array([[1.0], [3.0]]), ("a",), np.ones(2, dtype=bool))
-    result = robust_covariance(Regression(Model((Offset(joint),)), (test_motion,)), [2.0])
-    np.testing.assert_allclose(result, [[2 / 1 * 2 / 4]])
-
-
-def test_does_not_depend_on_units_or_blocks_or_unused_columns(monkeypatch: pytest.MonkeyPatch) -> None:
-    regression = Regression(MODEL, (motion(5, 0.7),), Selection(ParallelFilter(decimate=3), (0.1, 0.2)))
-    theta = fit(regression)
-    result = robust_covariance(regression, theta)
-    monkeypatch.setattr(module, "BLOCK", 500)
-    np.testing.assert_allclose(robust_covariance(regression, theta), result, rtol=1e-6)
-    again = Model((*MODEL.terms, Viscous(JOINTS, on=("a",), names=("twin",))))
-    wider = replace(regression, model=again)
-    np.testing.assert_allclose(robust_covariance(wider, [*theta, 0.0], columns=range(4)), result, rtol=1e-6)
-
-
 def test_what_cannot_be_inverted_is_refused() -> None:
     model = Model((*MODEL.terms, Coulomb(JOINTS, dead_band=100.0)))
     regression = Regression(model, (motion(7, 0.5),))
@@ -136,26 +100,6 @@ def test_what_cannot_be_inverted_is_refused() -> None:
         robust_covariance(regression, np.zeros(6))
     with pytest.raises(ModelError, match="theta has shape"):
         robust_covariance(regression, np.zeros(5))
-
-
-def test_pieces_of_a_long_log_say_about_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The covariance falls with all samples, though only pieces are looked at."""
-    regression = Regression(MODEL, (motion(3, 0.8, 20_000),))
-    full = robust_covariance(regression, fit(regression))
-    monkeypatch.setattr(hac, "MAX_SCORED_SAMPLES", 8000)
-    monkeypatch.setattr(hac, "SCORED_PIECE", 2000)
-    assert len(hac.stretches_of(regression, hac.MAX_SCORED_SAMPLES, hac.SCORED_PIECE)) == 4
-    pieces = robust_covariance(regression, fit(regression))
-    np.testing.assert_allclose(np.sqrt(np.diag(pieces)), np.sqrt(np.diag(full)), rtol=0.3)
-
-
-def test_each_stretch_of_a_long_log_is_looked_at() -> None:
-    """Also one that is far shorter than a piece."""
-    times = np.arange(20_000)
-    regression = Regression(MODEL, (motion(3, 0.8, 20_000, (times < 19_300) | (times >= 19_400)),))
-    starts = [int(np.flatnonzero(x.motions[0].mask)[0]) for x in hac.stretches_of(regression, 8000, 2000)]
-    assert len(starts) == 5
-    assert [start >= 19_400 for start in starts] == [False, False, False, False, True]
 
 
 def test_they_are_the_sandwich_of_the_scores() -> None:

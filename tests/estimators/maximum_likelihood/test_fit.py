@@ -10,10 +10,8 @@ import pytest
 from scipy.stats import chi2
 
 from dynident.apps.article import SCENARIOS
-from dynident.estimators import Barrier, Estimate, LeastSquares, PhysicallyConsistent, Problem
-from dynident.estimators.maximum_likelihood import MaximumLikelihood, newton, psd_constraints
-from dynident.estimators.maximum_likelihood import estimator as fit
-from dynident.estimators.maximum_likelihood import estimator as measured
+from dynident.estimators import Estimate, LeastSquares, Problem
+from dynident.estimators.maximum_likelihood import MaximumLikelihood, newton
 from dynident.estimators.notes import (
     Averaged,
     Failed,
@@ -23,7 +21,6 @@ from dynident.estimators.notes import (
     NotWhite,
     RankDeficient,
     ScatterLarger,
-    SmoothSigns,
 )
 from dynident.identification import cramer_rao_bound
 from dynident.models import Joint, Model, RigidBodies, RotorInertia
@@ -31,7 +28,7 @@ from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.models.lagrangian import two_link_arm
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Spline, TimeShifted
-from dynident.regression import Regression, informed_std, rank_of_information, structural_base_parameters
+from dynident.regression import Regression, informed_std, structural_base_parameters
 from dynident.testing.estimator import MODELS, make_problem, multisine_motion, truth
 from tests.robots import joint, link, urdf
 
@@ -67,16 +64,8 @@ def test_reaches_the_bound(name: str, level: float) -> None:
     np.testing.assert_allclose(runs[0].residual.sigma, scenario.sigma_tau, rtol=0.05)
 
 
-def test_follows_the_transient_better_than_free_torques_allow() -> None:
-    result = estimate("stated", 1e-8, 0, start="rest")
-    scenario = SCENARIOS["stated"]
-    least = np.sqrt(np.diag(cramer_rao_bound(ARM, TRUE, scenario.truth, 1e-4, scenario.sigma_tau, rest=True)))
-    assert result.std[1] < 0.6 * least[1]
-    assert abs(result.value[1] - TRUE[1]) < 4 * result.std[1]
-
-
 def test_huber_bounds_outliers() -> None:
-    log, rng = recording("stated", 1e-6, 1), np.random.default_rng(2)
+    log, rng = recording("stated", 1e-6, 1).window(stop=5.0), np.random.default_rng(2)
     hit = rng.random(log.tau.shape) < 0.02
     spoilt = replace(log, tau=log.tau + np.where(hit, 5.0, 0.0))
     squares, huber, with_steps = (
@@ -175,50 +164,6 @@ class TestBodies:
         assert min(result.consistency.eigenvalues.values()) > 0
         assert result.value[given.model.names.index("upper.mass")] == pytest.approx(2.0, rel=0.5)
 
-    @pytest.mark.parametrize("noise", [[1e-4, 1e-4], [1e-4, 0.0]], ids=["noise", "exactly"])
-    def test_a_joint_that_stands_still_keeps_its_friction(self, noise: list[float]) -> None:
-        """Nothing but noise shows it, so that nothing may move it far: neither tiny velocities nor the barrier."""
-        given = self.problem(still=True, noise=np.array(noise))
-        result = MaximumLikelihood()(given)
-        names = given.model.names
-        start = PhysicallyConsistent(costs=False)(given).value
-        for name in ("Fv_elbow", "Fc_elbow"):
-            k = names.index(name)
-            if not noise[1]:
-                assert result.value[k] == start[k]
-            assert result.value[k] < 10
-            assert result.std[k] > 1
-        for name in ("Fv_shoulder", "Fc_shoulder"):
-            k = names.index(name)
-            assert abs(result.value[k] - given.model.values[k]) < 4 * result.std[k]
-        assert result.converged
-        assert not any(isinstance(note, SmoothSigns) for note in result.notes)
-
-    def test_a_motion_that_was_smoothed_too_much_does_not_widen_the_knots(self) -> None:
-        usual, smooth = (MaximumLikelihood()(self.problem(0.02, factor)) for factor in (1.0, 6.0))
-        basis = structural_base_parameters(self.arm(0.02))
-        apart = basis.combination @ (smooth.value - usual.value)
-        assert (np.abs(apart) < 0.1 * informed_std(basis, usual.information)).all()
-
-    def test_a_start_inside_stays_where_the_conic_solver_stops_halfway(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """A body on the edge asks for more room; what the solver left unfinished is outside."""
-        given = self.problem(0.02)
-        theta = np.asarray(given.model.values)
-        wanted = psd_constraints(given.model, given.logs, theta)
-        thin, asked = theta.copy(), []
-        names = [f"upper.{role}" for role in ("Ixx", "Iyy", "Izz", "mass", "mz")]
-        x, y, z, *rest = (given.model.names.index(name) for name in names)
-        mass, mz = thin[rest]
-        thin[x] = 2 * mz**2 / mass * (1 + 1e-4) + thin[z] - thin[y]  # all mass but at one height
-        assert Barrier(wanted).is_inside(thin)
-        monkeypatch.setattr(measured, "nearest_feasible", lambda theta, *_: asked.append(theta) or -theta)
-        np.testing.assert_array_equal(measured.move_into_constraints(thin, given, wanted), thin)
-        assert asked
-        monkeypatch.undo()
-        moved = measured.move_into_constraints(thin, given, wanted)
-        assert Barrier(wanted).is_inside(moved)
-        assert not np.array_equal(moved, thin)
-
 
 def axes(
     viscous: float, offset: float, amplitudes: Sequence[float] = (1.0,), seed: int = 0, *, short: bool = False
@@ -239,12 +184,6 @@ def axes(
     log = Log(t[:, 0], q + 1e-4 * (a > 0) * rng.standard_normal(q.shape), tau, tuple(x.name for x in joints))
     motions = (Spline()(log),)
     return Problem(model, motions, Regression(model, motions), (log,))
-
-
-def test_a_joint_that_stands_still_does_not_spoil_the_other() -> None:
-    result, other = MaximumLikelihood()(axes(0.3, 1.0, (1.0, 0.0))), [0, 2, 4]
-    assert result.determined.rank < 6
-    assert (np.abs(result.value[other] - (0.5, 0.3, 1.0)) < 4 * result.std[other]).all()
 
 
 def test_few_samples_do_not_make_wide_knots_look_right() -> None:
@@ -333,33 +272,6 @@ def test_failure_returns_the_start_and_says_so(monkeypatch: pytest.MonkeyPatch) 
     np.testing.assert_allclose(result.value, TRUE, rtol=0.3)
     given = TestBodies().problem(0.02)
     assert not MaximumLikelihood()(given).consistency.costs  # of which nothing is shown
-
-
-@pytest.mark.parametrize("converged", [True, False])
-@pytest.mark.parametrize("determined", [True, False])
-def test_a_fit_is_searched_once_more_unless_it_is_both(
-    converged: bool, determined: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked, given, run = [], axes(0.3, 1.0), fit.LikelihoodSearch.run
-    monkeypatch.setattr(fit.LikelihoodSearch, "run", lambda self, **how: replace(run(self, **how), converged=converged))
-    monkeypatch.setattr(
-        fit._LikelihoodRun, "directions", lambda *_: rank_of_information(np.diag([1.0, 1.0, float(determined)]))
-    )
-    monkeypatch.setattr(fit._LikelihoodRun, "restart", lambda _, fitted: asked.append(fitted) or fitted)
-    fit._LikelihoodRun.begin(MaximumLikelihood(rounds=1), given, LeastSquares()(given)).fit_rounds()
-    assert len(asked) == (not (converged and determined))
-
-
-class TestPhysics:
-    def test_the_articles_arm(self) -> None:
-        arm = two_link_arm()
-        log = SCENARIOS["stated"].record(1e-8, np.random.default_rng(0)).log
-        barrier = Barrier(psd_constraints(arm, [log], np.asarray(arm.values)))
-        assert barrier.is_inside(np.asarray(arm.values))
-        for k, value in ((0, -1e-2), (1, -1e-3), (5, -0.1), (6, -0.1)):
-            theta = np.array(arm.values)
-            theta[k] = value
-            assert not barrier.is_inside(theta), arm.names[k]
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-4])

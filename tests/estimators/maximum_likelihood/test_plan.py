@@ -1,4 +1,4 @@
-"""The input of maximum likelihood: knots, thinned logs, their noise, and friction with smooth signs."""
+"""The input of maximum likelihood: knots, thinned logs, and friction with smooth signs."""
 
 from __future__ import annotations
 
@@ -8,29 +8,17 @@ import numpy as np
 import pytest
 
 from dynident.estimators import Problem
-from dynident.estimators.maximum_likelihood import (
-    has_sign,
-    plan_segment,
-    torque_steps,
-    whiteness_probability,
-    with_smooth_signs,
-)
-from dynident.estimators.maximum_likelihood.plan import _interpolate, estimate_noise, misfit, recordings
+from dynident.estimators.maximum_likelihood import has_sign, plan_segment, torque_steps, with_smooth_signs
+from dynident.estimators.maximum_likelihood.plan import recordings
 from dynident.estimators.notes import Averaged
 from dynident.models import CoupledMotor, Joint, Model
-from dynident.models.friction import Coulomb, Power, Stribeck, Viscous
+from dynident.models.friction import Coulomb, Viscous
 from dynident.motion.log import Log, Motion
 from dynident.regression import Regression, Selection
 from dynident.runtime import InputError
 
 
 class TestPlan:
-    def test_finds_steps_and_no_others(self, rng: np.random.Generator) -> None:
-        t = np.arange(2000) * 0.01
-        tau = np.stack([np.sin(t), np.where(t >= 7.0, 3.0, -1.0)], axis=1) + 0.1 * rng.standard_normal((2000, 2))
-        log = Log(t, np.zeros_like(tau), tau, ("a", "b"))
-        assert torque_steps(log, np.full(2, 0.1)) == pytest.approx((7.0,))
-
     def test_outliers_are_no_steps(self, rng: np.random.Generator) -> None:
         t = np.arange(4000) * 0.0025
         tau = np.stack([6 * np.sin(t), np.where(t >= 7.0, 3.0, -1.0)], axis=1) + 0.1 * rng.standard_normal((4000, 2))
@@ -61,11 +49,6 @@ class TestPlan:
         knots = plan_segment(log, (), 20.0, np.array([0.01, 0.01]), from_rest=True).torque_knots
         assert [np.diff(x)[[0, -1]] for x in knots] == [pytest.approx(0.01 * x) for x in spacing]
 
-    def test_whiteness(self, rng: np.random.Generator) -> None:
-        white = rng.standard_normal((4000, 2))
-        assert whiteness_probability(white, 0) > 1e-3
-        assert whiteness_probability(white + 0.3 * np.sin(np.arange(4000) / 50)[:, None], 0) < 1e-6
-
 
 MODEL = Model((Viscous((Joint("a"), Joint("b"))),))
 
@@ -80,15 +63,6 @@ def posed(*sizes: int, min_speed: tuple[float, float] | None = None) -> Problem:
     return Problem(
         MODEL, tuple(motions), Regression(MODEL, tuple(motions), selection=Selection(min_speed=min_speed)), logs
     )
-
-
-def test_the_usual_acceleration_is_ten_deviations_of_the_motion_where_it_is_largest() -> None:
-    given = posed(60, 80)
-    result, notes = recordings(given, None, steps=False)
-    expected = 10 * np.max([np.std(motion.ddq, axis=0) for motion in given.motions], axis=0)
-    np.testing.assert_allclose(result.usual_acceleration, expected, rtol=1e-9)
-    assert notes == []
-    assert result.steps == ((), ())
 
 
 @pytest.mark.parametrize(("rate", "group"), [(100.0, 1), (99.0, 2), (34.0, 3), (33.0, 1)])
@@ -120,24 +94,6 @@ def test_without_logs_runs_of_twenty_usable_samples_are_recordings(usable: int, 
         recordings(none, None, steps=False)
 
 
-def test_noise_is_the_mean_square_of_the_logs_and_misfit_the_residual_without_transients() -> None:
-    rng, sizes = np.random.default_rng(3), (3000, 9000)
-    logs = [
-        Log(np.arange(n) * 0.01, 0.1 * size * rng.normal(size=(n, 2)), size * rng.normal(size=(n, 2)), ("a", "b"))
-        for n, size in zip(sizes, (1.0, 3.0), strict=True)
-    ]
-    expected = np.sqrt((3000 * 1.0 + 9000 * 9.0) / 12_000)
-    q, tau = estimate_noise(logs)
-    np.testing.assert_allclose(q, 0.1 * expected, rtol=0.05)  # 4 standard deviations of a median of 9000
-    np.testing.assert_allclose(tau, expected, rtol=0.05)
-    (motion,) = posed(4000).motions
-    theta = np.array([2.0, 0.5])
-    tau = motion.dq * theta + rng.normal(size=(4000, 2)) * (0.1, 0.3)
-    tau[:200] += 1e3
-    given = replace(posed(4000), motions=(replace(motion, tau=tau, mask=np.arange(4000) < 3900),))
-    np.testing.assert_allclose(misfit(given, theta), (0.1, 0.3), rtol=0.15)
-
-
 class TestFriction:
     def test_soft_signs_keep_the_parameters(self) -> None:
         joints = (Joint("a"), Joint("b"))
@@ -152,31 +108,3 @@ class TestFriction:
         np.testing.assert_allclose(soft.regressor(zero, fast, zero), sharp.regressor(zero, fast, zero))
         part = soft.regressor(zero, slow, zero)[0, :, [2, 3]]
         np.testing.assert_allclose(np.diag(part), np.tanh(1.0) * np.array([1.0, -1.0]))
-
-    def test_every_sign_is_smoothed_where_it_is_sharp(self) -> None:
-        """At the joint whose sign has a width, that width stays."""
-        joints, by_joint = (Joint("a"), Joint("b")), {"a": 0.0, "b": 0.5}
-        terms = (
-            Coulomb(joints, width=by_joint),
-            Stribeck(joints, velocity=1.0, width=by_joint),
-            Power(joints, exponent=0.5, width=by_joint),
-        )
-        sharp = Model(terms)
-        soft = with_smooth_signs(sharp, np.array([0.01, 0.02]))
-        assert (has_sign(sharp), has_sign(soft), soft.names) == (True, False, sharp.names)
-        states = np.zeros((1, 2)), np.array([[0.01, 0.02]]), np.zeros((1, 2))
-        columns = soft.regressor(*states)[0]
-        ratio = columns[0, ::2] / [1.0, np.exp(-1e-4), 0.1]
-        np.testing.assert_allclose(ratio, np.tanh(1.0))
-        np.testing.assert_array_equal(columns[1], sharp.regressor(*states)[0, 1])
-        assert np.isfinite(soft.partials(*(np.zeros((1, 2)),) * 3, np.ones(6)).dq).all()
-
-
-@pytest.mark.parametrize(
-    ("x", "slope", "y"),
-    [(1.0, 1.0, 2.0), (1.5, 1.0, 2 * np.exp(0.25)), (5.0, 1.0, 2 * np.exp(2)), (99.0, 1.0, 2 * np.exp(6)),
-     (1.5, -1.0, 1.5), (0.0, 1.0, 1.0), (0.5, 1.0, 1.5), (0.5, 3.0, 1.25), (0.25, 3.0, 1.15625)],
-)  # fmt: skip
-def test_a_curve_goes_on_straight_downwards_and_exponentially_upwards(x: float, slope: float, y: float) -> None:
-    """From (0, 1) with slope 1 to (1, 2), between which it is a cubic."""
-    assert _interpolate((0.0, 1.0, 1.0), (1.0, 2.0, slope), x) == pytest.approx(y)

@@ -7,7 +7,6 @@ import pytest
 
 from dynident.estimators import Barrier
 from dynident.estimators.maximum_likelihood import LikelihoodSearch, NewtonSettings, Recordings, Sigma
-from dynident.estimators.maximum_likelihood.equations import Hypothesis, scores
 from dynident.estimators.maximum_likelihood.plan import crossing, sweep_intervals
 from dynident.models.lagrangian import slider
 from dynident.motion.log import Log
@@ -50,37 +49,11 @@ def test_the_torque_decides_where_positions_are_never_white() -> None:
     assert 2000 / 80 < narrow < 2000 / 5
 
 
-def test_without_any_torque_there_are_knots_all_the_same() -> None:
-    assert intervals(search(coloured=True, used=False)) > 2000 / 80
-
-
-def test_the_scatter_is_that_of_the_scores_of_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of two halves, which contribute the same, as their sum is zero at the optimum."""
-    monkeypatch.setattr("dynident.estimators.maximum_likelihood.search.SCORE_CLUSTERS", 2)
-    outcome = search(coloured=False)
-    outcome.choose_knots(None, from_rest=False, condense=False)
-    fit, (segment,) = outcome.run(), outcome.segments
-    inverse, hypothesis = np.linalg.inv(fit.information), Hypothesis(outcome.model, fit.theta, outcome.sigma)
-    pulls = scores(segment, hypothesis, fit.states[0], fit.segments[0].sensitivity @ fit.columns.combination)
-    std, count = outcome.sandwich_std(fit, inverse)
-    np.testing.assert_allclose(std, np.sqrt(2) * np.abs(pulls[: len(pulls) // 2].sum(axis=0) @ inverse), rtol=1e-6)
-    np.testing.assert_allclose(count, 2.0, rtol=1e-6)
-
-
 class TestProfile:
     @pytest.mark.parametrize("size", [0.1, 0.4])
     def test_a_parabola_ends_where_it_should(self, size: float) -> None:
         ends = [crossing(lambda y: ((y - 1) / size, 1 / size), size, side) for side in (-1, 1)]
         assert ends == pytest.approx([1 - NORMAL_95 * size, 1 + NORMAL_95 * size], rel=1e-3)
-
-    @pytest.mark.parametrize("size", [0.1, 0.5, 1.0])
-    def test_a_parabola_in_the_logarithm(self, size: float) -> None:
-        ends = [crossing(lambda y: (np.log(y) / size, 1 / (size * y)), size, side) for side in (-1, 1)]
-        assert np.log(ends) / size == pytest.approx([-NORMAL_95, NORMAL_95], rel=0.02)
-
-    def test_a_deviance_that_stays_low(self) -> None:
-        """Nothing near zero tells it from the estimate: the interval goes nearly to zero."""
-        assert 0 < crossing(lambda y: (y - 1, 1.0), 1.0, -1) < 0.01
 
     def test_what_physics_ends(self) -> None:
         """The end is not beyond where trials fail."""
@@ -107,22 +80,6 @@ class TestProfile:
 
         result = crossing(root, 0.4, side)
         assert min(first[:2]) < result < max(first[:2])
-
-    @pytest.mark.parametrize("count", [0, 1, 2, 5])
-    def test_swept_intervals_of_a_normal_likelihood_are_symmetric(self, count: int) -> None:
-        covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
-        theta = np.array([3.0, 7.0])
-        path = [(r, theta + r * covariance[:, 0] / 2) for r in np.linspace(-2, 2, count + 1)[1:]]
-        result = sweep_intervals(theta, path, covariance, 0)
-        expected = theta[:, None] + NORMAL_95 * np.array([[-2.0, 2.0], [-1.0, 1.0]])
-        np.testing.assert_allclose(result, expected, rtol=1e-3)
-
-    def test_a_fit_as_likely_as_the_estimate_does_not_bend_the_valley(self) -> None:
-        covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
-        result = sweep_intervals(
-            np.zeros(2), [(0.001, np.array([2.0, -1.0])), (-1.9, np.array([-3.8, -1.425]))], covariance, 0
-        )
-        np.testing.assert_allclose(result, NORMAL_95 * np.array([[-2.0, 2.0], [-1.0, 1.0]]), rtol=1e-3)
 
     def test_swept_intervals_bend_with_the_valley(self) -> None:
         covariance = np.array([[1.0, 1.0], [1.0, 1.0]])

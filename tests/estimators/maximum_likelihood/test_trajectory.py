@@ -1,4 +1,4 @@
-"""Splines of a trajectory at given times, and a matrix with a band and a border: solved, inverted, gathered."""
+"""Splines of a trajectory at given times, and a matrix with a band and a border: solved and inverted."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import BSpline
 
 from dynident.estimators.maximum_likelihood import SplineTrajectory
-from dynident.estimators.maximum_likelihood.trajectory import DEGREE, Arrow, basis, graded_breaks
+from dynident.estimators.maximum_likelihood.trajectory import DEGREE, Arrow
 from dynident.runtime import ModelError
 
 
@@ -22,31 +22,8 @@ class TestTrajectory:
             spline = BSpline(path.knots, np.eye(path.size), DEGREE)
             np.testing.assert_allclose(zeros, spline.derivative(order)(t) if order else spline(t), atol=1e-10)
 
-    def test_breaks_are_dense_after_a_step(self) -> None:
-        breaks = graded_breaks((0.0, 10.0), [3.0], 0.01, 0.5, 1.3)
-        assert (breaks[0], breaks[-1]) == (0.0, 10.0)
-        assert 3.0 in breaks
-        size = np.diff(breaks)
-        assert size[breaks[:-1] < 3.0].min() > 0.4
-        assert size[breaks[:-1] >= 3.0][0] <= 0.01
-        assert size.max() <= 0.5 + 1e-12
-
 
 T = np.linspace(0.0, 1.0, 41)
-
-
-@pytest.mark.parametrize("rest", [False, True])
-def test_its_products_are_those_of_its_values(rest: bool) -> None:
-    case = basis(SplineTrajectory(np.linspace(0, 1, 6)), T, from_rest=rest)
-    C = np.random.default_rng(0).standard_normal((case.trajectory.size, 2))
-    q, dq, _ = case.motion(C)
-    np.testing.assert_allclose(case.values @ C, q, atol=1e-14)
-    np.testing.assert_allclose(case.by_interval(q).sum(axis=0), q.sum(axis=0))
-    full = (case.values.T @ case.values).toarray()
-    np.testing.assert_allclose(case.products.toarray(), full, atol=1e-14)
-    for d, row in enumerate(case.gram_band):
-        np.testing.assert_allclose(row[: len(row) - d], np.diagonal(full, -d), atol=1e-14)
-    assert (np.abs(dq[0]) < 1e-12).all() == rest
 
 
 class TestArrow:

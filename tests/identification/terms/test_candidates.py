@@ -85,11 +85,6 @@ def test_whole_rates_are_preferred_where_the_joint_turns() -> None:
     assert 45.0 not in {k for k, _ in largest_lines(left(r, turns=False), 200.0)}
 
 
-def test_a_ripple_of_one_block_alone_is_found_by_the_others() -> None:
-    case = np.where(BLOCK == 3, 3.0 * np.sin(45.0 * Q), np.sin(90.0 * Q))
-    assert max(largest_lines(left(case), 200.0))[0] == pytest.approx(90.0, abs=0.5)
-
-
 def test_a_joint_that_stands_has_none() -> None:
     assert largest_lines(left(np.ones(len(T)), q=np.zeros(len(T))), 200.0) == ()
 

@@ -10,11 +10,9 @@ import pytest
 
 from dynident.identification.terms import (
     CandidateKind,
-    JointExcitation,
     TermChoice,
     TermTrial,
     TrialOutcome,
-    choose,
     choose_terms,
     kind_of_class,
     library_kinds,
@@ -24,7 +22,7 @@ from dynident.identification.terms.samples import TermSamples
 from dynident.models import Joint, Model
 from dynident.models.friction import Coulomb, Ripple, Viscous
 from dynident.regression import Selection
-from dynident.runtime import InputError, Step, progress_to
+from dynident.runtime import InputError
 from tests.identification.terms import simulated
 from tests.identification.terms.simulated import FEW, PLAIN, bodies, recorded
 
@@ -69,17 +67,6 @@ def test_a_wide_sign_stays_where_a_sharp_one_is_clearly_worse(monkeypatch: pytes
     assert max(choice.min_speed) < 0.5
 
 
-def test_the_choice_is_the_same_again_and_progress_counts_up() -> None:
-    steps: list[str] = []
-    with progress_to(steps.append):
-        first, again = (choose_terms(Model((bodies(),)), [recorded(simulated.wide, 1)], kinds=PLAIN) for _ in range(2))
-    assert again == first
-    steps = steps[: len(steps) // 2]
-    done = [step.completed for step in steps if isinstance(step, Step)]
-    assert done == sorted(done)
-    assert len(done) > 3
-
-
 def test_what_was_tried_is_told_with_gain_and_error() -> None:
     choice = chosen("dahl")
     trials = {x.kind: x for x in choice.trials_of("j2")}
@@ -98,24 +85,6 @@ def test_what_was_tried_is_told_with_gain_and_error() -> None:
     tau = recorded(simulated.dahl, 1).tau
     noise = 100 * 0.05 * simulated.SIZE / np.sqrt(np.mean(tau**2, axis=0))  # %, of which the choice leaves little more
     np.testing.assert_allclose(choice.after, noise, rtol=0.12)
-
-
-@pytest.mark.parametrize(
-    ("kind", "constant", "sizes"),
-    [
-        ("coulomb", "width", [0.0, *np.geomspace(0.01, 0.8673617, 21)]),  # up to about the rms speed
-        ("wide_coulomb", "width", np.geomspace(0.2, 2.3283064, 12)),
-        ("dahl", "length", np.geomspace(3e-4, 0.1240770, 28)),
-        ("drift", "time", [5.4, 18.0, 54.0]),
-    ],
-)
-def test_sizes_are_shares_of_the_excitation(kind: str, constant: str, sizes: list[float]) -> None:
-    """And drift is tried on long recordings alone."""
-    (tried,) = (library_kind for library_kind in library_kinds() if library_kind.name == kind)
-    joint = Joint("j1")
-    short, long = (JointExcitation((joint,), joint, 2.0, 3.0, seconds) for seconds in (17.9, 18.0))
-    assert [term.constant(constant, "j1") for term in tried.sizes(long)] == pytest.approx(sizes, rel=1e-6)
-    assert len(tried.sizes(short)) == (0 if kind == "drift" else len(sizes))
 
 
 def test_the_minimum_speed_is_left_to_terms_that_describe_reversals() -> None:
@@ -170,13 +139,6 @@ def test_dry_friction_stays_at_a_joint_whose_torque_is_fitted_one_way_alone(law:
     assert classes(choice, "j2") & {"Coulomb", "LoadCoulomb"} == {dry}
     kept = [(trial.joint, trial.kind) for trial in choice.trials if trial.outcome is TrialOutcome.KEPT]
     assert kept == ([("j2", "coulomb")] if dry == "Coulomb" else [])
-
-
-@pytest.mark.parametrize(("std", "is_used"), [(0.6, False), (0.4, True)])
-def test_a_minimum_speed_needs_two_standard_errors(monkeypatch: pytest.MonkeyPatch, std: float, is_used: bool) -> None:
-    monkeypatch.setattr(choose, "gain_share", lambda gains, _: (1.0 * gains.any(), std))
-    choice = choose_terms(Model((bodies(),)), [recorded(simulated.coulomb, 1)], kinds=PLAIN)
-    assert [speed > 0 for speed in choice.min_speed] == [is_used] * 3
 
 
 def test_a_joint_whose_torque_is_not_fitted_keeps_the_plain_set() -> None:

@@ -6,14 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.identification.terms.grams import (
-    CandidateGrams,
-    Folds,
-    JointGrams,
-    eliminate_columns,
-    transfer_gains,
-    try_groups,
-)
+from dynident.identification.terms.grams import CandidateGrams, Folds, JointGrams, transfer_gains, try_groups
 
 Array = NDArray[np.float64]
 F, N = 4, 400
@@ -64,31 +57,3 @@ def test_columns_with_known_coefficients_are_judged_beside_a_fit_of_all_else() -
         assert before[fold] - gains[fold] == pytest.approx(error(X[:, [0, 1, 2]], other, fold), rel=1e-5)
     assert gains[0] > gains[1] > gains[2] == pytest.approx(0.0, abs=1e-9)
     assert gains[3] < 0
-
-
-def test_others_count_as_rows() -> None:
-    X, y, grams = problem()
-    more = np.random.default_rng(0).normal(size=(50, 3)) @ np.diag([10.0, 10.0, 1.0])
-    rest = np.tile(more[:, :2].T @ more[:, :2], (F, 1, 1)), np.tile(more[:, :2].T @ more[:, 2], (F, 1))
-    groups = try_groups(CandidateGrams(grams, rest, 1.0), folds(), [0, 1, 2], [[[3]]])
-    block, wide = np.arange(N) * F // N, np.zeros((50, 6))
-    wide[:, :2] = more[:, :2]
-    for fold in range(F):
-        rows, right = np.concatenate([X[block != fold], wide]), np.concatenate([y[block != fold], more[:, 2]])
-        value = np.linalg.lstsq(rows, right, rcond=None)[0]
-        assert groups.after[fold, 0] == pytest.approx(np.sum((y - X @ value)[block == fold] ** 2), rel=1e-5)
-
-
-def test_a_dependent_column_is_not_seen() -> None:
-    X, y, _ = problem()
-    rows = np.column_stack([X[:, :3], X[:, 1] - X[:, 2], y]).reshape(F, N // F, 5)
-    grams = JointGrams.of(np.swapaxes(rows, 1, 2), (F, 1), np.eye(2))
-    groups = try_groups(CandidateGrams(grams, NONE, 1.0), folds(), [0], [[[1]]])
-    assert not groups.independent.any()
-
-
-def test_elimination_leaves_the_normal_matrix_of_the_rest() -> None:
-    X, y, _ = problem()
-    rows = np.column_stack([X, y])
-    M, right = eliminate_columns(rows.T @ rows, 4, [4, 5])
-    assert np.linalg.solve(M, right) == pytest.approx(np.linalg.lstsq(X, y, rcond=None)[0][:4], rel=1e-6)

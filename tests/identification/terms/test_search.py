@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from dynident.identification.terms.candidates import TermTrial, TrialOutcome, library_kinds
 from dynident.identification.terms.grams import gain_share
-from dynident.identification.terms.search import JointSearch, SearchFolds, TermEntry, TermGroup, _TrialResult
+from dynident.identification.terms.search import JointSearch, TermEntry, TermGroup, _TrialResult
 from dynident.models import Joint
 from dynident.models.friction import Coulomb
 
@@ -62,44 +60,9 @@ def test_what_enters(results, entered) -> None:
     assert search.entered[-1].group.kind.name == entered
 
 
-@pytest.mark.parametrize(
-    ("kind", "gain", "std", "value", "outcome"),
-    [
-        ("load_coulomb", 0.99, 0.0, 1.0, TrialOutcome.TOO_SMALL),  # %, where a term must remove 1 %
-        ("load_coulomb", 3.1, 2.0, 1.0, ENTERED),  # 1.5 standard errors
-        ("load_coulomb", 2.9, 2.0, 1.0, WITHIN_ERROR),
-        ("load_coulomb", 9.0, 0.0, -1.0, TrialOutcome.NEGATIVE),
-        ("load_coulomb", 9.0, 0.0, 0.0, ENTERED),
-        ("load_coulomb", 9.0, 0.0, np.nan, TrialOutcome.NOT_EXCITED),
-        ("power", 3.9, 2.0, 1.0, WITHIN_ERROR),  # a strict kind
-        ("power", 4.1, 2.0, 1.0, ENTERED),
-        ("viscous", 0.1, 0.0, 1.0, ENTERED),  # presumed, unless it does nothing
-        ("viscous", -0.5, 1.6, 1.0, ENTERED),
-        ("viscous", -0.5, 1.4, 1.0, TrialOutcome.TOO_SMALL),
-        ("coulomb", 0.1, 0.0, 1.0, TrialOutcome.TOO_SMALL),  # not where other dry friction has entered
-    ],
-)
-def test_the_outcome_of_a_trial(kind: str, gain: float, std: float, value: float, outcome: TrialOutcome) -> None:
-    fits = SimpleNamespace(independent=np.array([[not np.isnan(value)]]), values=[np.array([[value]])])
-    group = result(kind, EVEN).entered.group
-    assert ScriptedSearch()._outcome(group, 0, gain, std, fits, 0) is outcome
-
-
 def test_gains_are_shares_of_the_error_before_with_the_error_of_their_sum() -> None:
     assert gain_share(np.array([1.0, 2.0, 6.0]), np.array([10.0, 20.0, 30.0])) == pytest.approx(
         (15.0, 100 * 21**0.5 / 60)
     )
     assert gain_share(np.array([3.0]), np.array([4.0])) == (75.0, 0.0)
     assert gain_share(EVEN, 0 * EVEN) == (0.0, 0.0)
-
-
-def test_no_fit_is_judged_by_what_it_has_seen() -> None:
-    """In all folds but that of all samples, each class of a block is for the fit, or for the test, or for none."""
-    division = SearchFolds.of(np.array([0, 0, 1, 1, 1]))
-    for folds in (division.blocks, division.faster, division.further, division.logs):
-        assert folds is not None
-        assert ((folds.train == 0) | (folds.train == 1)).all()
-        assert ((folds.test == 0) | (folds.test == 1)).all()
-        assert (folds.train * folds.test == 0).all()
-        assert folds.train.any(axis=(1, 2)).all()
-        assert folds.test.any(axis=(1, 2)).all()

@@ -6,13 +6,11 @@ import math
 
 import pytest
 
-from dynident.project.config import load_robot, parse_config
+from dynident.project.config import parse_config
 from dynident.project.fields import unit_factor
-from dynident.project.project import build_recipe
 from dynident.project.settings import check_joints
 from dynident.runtime import ConfigError
 from tests.project.configurations import SLIDER, changed, with_channel
-from tests.robots import ARM
 
 CHANNELS = {
     "unknown joint": (
@@ -43,45 +41,6 @@ def test_channels_that_do_not_fit_the_joints(text, fragments):
     with pytest.raises(ConfigError) as caught:
         check_joints(parse_config(text), SLIDER)
     assert all(fragment in str(caught.value) for fragment in fragments), caught.value
-
-
-OWN = """
-from dataclasses import dataclass
-from dynident.models.friction import PerJoint
-
-@dataclass(frozen=True)
-class Cubic(PerJoint):
-    symbol, law, limit = "F3", "dq**3", 1.0
-
-    @classmethod
-    def proposed(cls, seen):
-        return (cls(seen.joints, on=(seen.joint.name,)),)
-
-    def meaning(self):
-        return "torque per dq^3"
-
-    def unit(self, joint):
-        return "N m s^3"
-"""
-
-
-def test_a_class_of_the_user_named_alone_takes_part_in_the_choice(tmp_path):
-    (tmp_path / "own.py").write_text(OWN)
-
-    def read(*terms):
-        model = {"file": "arm.urdf", "terms": list(terms)}
-        config = parse_config(changed(model=model), tmp_path)
-        return config.model, build_recipe(config), load_robot(config.model, ARM)
-
-    settings, recipe, model = read("auto", "own.py:Cubic")
-    assert [x.__name__ for x in recipe.proposed] == ["Cubic"]
-    assert recipe.terms == "auto"
-    assert settings.chooses_terms
-    assert len(model.terms) == 1
-    for terms in (("auto", {"kind": "own.py:Cubic"}), ("own.py:Cubic",)):
-        _, recipe, model = read(*terms)
-        assert recipe.proposed == ()
-        assert [type(term).__name__ for term in model.terms] == ["RigidBodies", "Cubic"]
 
 
 @pytest.mark.parametrize(

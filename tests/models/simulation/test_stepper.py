@@ -68,7 +68,7 @@ RAIL = (5.0, 8.0, 3.0, 0.5)
 
 @pytest.mark.parametrize(
     ("model", "theta", "step", "loop"),
-    [(RUSTY, RUST, 0.001, True), (RUSTY, RUST, 0.0035, False), (slider(), RAIL, 0.001, True)],
+    [(RUSTY, RUST, 0.002, True), (RUSTY, RUST, 0.0035, False), (slider(), RAIL, 0.002, True)],
 )
 def test_one_joint_moves_in_plain_numbers_as_in_arrays(
     model: Model, theta: tuple[float, ...], step: float, loop: bool

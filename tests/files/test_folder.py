@@ -268,3 +268,19 @@ def test_temporary_files_of_dead_runs_are_removed_and_those_of_living_ones_kept(
     file.close()
     write_new(tmp_path)
     assert not alive.exists()
+
+
+def test_a_temporary_file_that_another_run_sweeps_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    swept, lock = [BlockingIOError], module._lock
+
+    def busy(descriptor: int) -> bool:
+        if swept:
+            raise swept.pop()
+        return lock(descriptor)
+
+    monkeypatch.setattr(module, "_lock", busy)
+    write_whole(tmp_path / "a.txt", b"all of it")
+    assert not swept
+    assert (tmp_path / "a.txt").read_bytes() == b"all of it"

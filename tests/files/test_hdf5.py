@@ -156,6 +156,13 @@ def test_other_files_are_not_opened(tmp_path):
         assert words in faults[name]
 
 
+def test_rings_of_groups_end(tmp_path):
+    path = write_hdf5(tmp_path / "a.h5")
+    with h5py.File(path, "a") as file:
+        file["arm/self"] = file["arm"]
+    assert "arm/tau" in read_columns(path).columns
+
+
 def test_an_array_larger_than_its_file_can_hold_is_refused(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("q", (10**11,), "f8", chunks=(1000,))

@@ -148,6 +148,13 @@ def test_parts_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     assert not is_divided(tmp_path)
 
 
+def test_all_parts_together_must_fit_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = written(tmp_path / "day", (400, 400, 400))
+    monkeypatch.setenv("DYNIDENT_MEMORY", "5e-5")
+    with pytest.raises(InputError, match=r"day: 1200 rows of 2 columns would take 0.0576 MB of memory"):
+        read_columns(folder, needed={"t", "q"})
+
+
 def test_dates_go_on_from_part_to_part_over_midnight(tmp_path: Path) -> None:
     times = pl.datetime_range(pl.datetime(2024, 5, 1, 23, 59, 58), pl.datetime(2024, 5, 2, 0, 0, 3), "1s", eager=True)
     for k, part in enumerate((times[:2], times[2:])):

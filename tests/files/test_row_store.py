@@ -84,6 +84,19 @@ def test_rows_come_back_as_they_were(path: Path, kept: bool) -> None:
         assert repr(again.table().to_dicts()) == repr(rows)
 
 
+def test_a_later_row_replaces_an_earlier_one_wherever_that_is(path: Path) -> None:
+    with store(path) as table:
+        table.add([row(0), row(1), row(2)])
+    killed(path, row(0, value=1.0), row(3))
+    with store(path) as table:
+        table.add([row(1, value=2.0), row(4), row(4, value=3.0)])
+        table.add([row(3, value=4.0)])
+        assert len(table) == 5
+        result = dict(values(table))
+    assert result == {0: 0.0, 1: 2.0, 2: 0.2, 3: 12.0, 4: 12.0}
+    assert sorted(runs(pl.read_parquet(path))) == [0, 1, 2, 3, 4]
+
+
 def test_rows_are_saved_without_a_further_call(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The next row of slow work may come in an hour."""
     monkeypatch.setattr(row_store, "SAVE_EVERY", 0.01)
@@ -188,6 +201,24 @@ def test_a_run_that_is_killed_while_it_removes_the_parts(
     assert list(path.parent.iterdir()) == [path]
 
 
+def test_what_failed_or_is_to_be_done_again_is_not_known(path: Path) -> None:
+    with store(path) as table:
+        table.add([row(0), row(1, "failed"), row(2, "died")])
+        assert len(table) == 3  # of this run they are
+    again = {"status": ("failed", "died")}
+    with store(path, retried=again) as table:
+        assert (len(table), key(0) in table, key(1) in table) == (1, True, False)
+        assert sorted(runs(table.table())) == [0, 1, 2]  # what is not done again stays
+        table.add([row(1)])
+        assert key(1) in table
+    assert sorted(zip(*pl.read_parquet(path)["run", "status"], strict=True)) == [(0, "ok"), (1, "ok"), (2, "died")]
+    with store(path, rerun=True) as table:
+        assert (len(table), key(0) in table) == (0, False)
+        table.add([row(0, value=7.0)])
+        assert (len(table), key(0) in table) == (1, True)
+    assert sorted(runs(pl.read_parquet(path))) == [0, 1, 2]
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -230,6 +261,16 @@ def test_a_damaged_part_is_named_and_the_rest_goes_on_without_it(path: Path, at:
         return
     with store(path) as table:
         assert len(table) == 2
+
+
+def test_files_of_others_in_the_folder_of_the_parts_stay(path: Path) -> None:
+    path.with_name("t.parquet.parts").mkdir()
+    mine = path.with_name("t.parquet.parts") / "mine.parquet"
+    mine.write_text("mine")
+    with store(path) as table:
+        table.add([row(0)])
+    assert mine.read_text() == "mine"
+    assert runs(pl.read_parquet(path)) == [0]
 
 
 def test_a_run_is_told_why_it_cannot_work_there(path: Path) -> None:

@@ -94,6 +94,13 @@ def test_what_cannot_be_included(tmp_path: Path, files: dict[str, str], message:
         robot_text(write(tmp_path, **(GOOD | files)))
 
 
+def test_all_together_fit_into_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(tmp_path, **{**GOOD, "wrist": f"<mujoco>{WRIST}<!--{'x' * 20_000}--></mujoco>"})
+    monkeypatch.setenv("DYNIDENT_MEMORY", "0.0017")
+    with pytest.raises(ModelError, match=r"arm\.xml: with what it includes it would take"):
+        robot_text(path)
+
+
 def test_a_result_notices_that_an_included_file_has_changed(tmp_path: Path) -> None:
     path = write(tmp_path, **GOOD)
     kept = model_source(path)

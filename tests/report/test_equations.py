@@ -16,6 +16,7 @@ from dynident.runtime.families import TERMS
 from tests.robots import ARM
 
 JOINTS = Joint("base"), Joint("rail", "prismatic")
+EVIL = '<img src=x onerror="alert(1)">'
 
 
 def found(model, values=None, std=None, provenance=()):
@@ -75,6 +76,14 @@ def test_what_is_zero_is_left_out_of_the_numbers():
     text = seen(found(Model((Coulomb(JOINTS), Viscous(JOINTS), RotorInertia(JOINTS))), [0.0, 0.0, 2.0, 0.0, 1.5, 0.0]))
     assert "base τ = 1.50 q ¨ + 2.00 q ˙ N m" in text
     assert "rail τ = 0 N" in text
+
+
+def test_names_of_joints_are_escaped():
+    joints = Joint(EVIL), Joint("b")
+    model = Model((RotorInertia(joints), CoupledMotor(joints, {EVIL: 1.0, "b": 2.0}, EVIL + "m")))
+    page = render("Title", "Lead", list(model_section(found(model))))
+    assert "<img" not in page
+    assert "&lt;img" in page
 
 
 def test_constants_that_differ_by_joint_are_said_to():

@@ -112,6 +112,21 @@ def test_figures_name_the_joints_to_choose_from():
         figures.torque_figure(validation(motion()), "joint3")
 
 
+def intervals(std, units=("kg", "kg", "N m"), true=(), names=("a", "b", "c")):
+    return figures.interval_figure(names, units, np.array([1.0, -2.0, 3.0]), np.array(std), true)
+
+
+def test_names_cannot_carry_tags_into_a_figure():
+    figure = intervals([1, 1, 1], ("<b>kg", "m", "m"), names=("<a href='x'>", "b", "c"))
+    assert figure.layout.yaxis.ticktext[0] == "&lt;a href='x'&gt;"
+    assert figure.data[0].text[0].startswith("&lt;a")
+    assert "&lt;b&gt;kg" in figure.data[0].text[0]
+    assert "<b>" not in figures.trace_figure({"<b>": motion()}, 0, "dq").data[0].name
+    log = SimpleNamespace(name="<b>", role="train", errors=SimpleNamespace(per_joint={"<i>": 1.0}))
+    bar = figures.error_figure([log], ["<i>"]).data[0]
+    assert (bar.name, bar.y[0]) == ("&lt;b&gt; (training)", "&lt;i&gt;")
+
+
 @pytest.mark.parametrize("time_offset", [0.0, 0.07])
 def test_motion_figure_shows_what_smoothing_took_away(time_offset):
     """Measured positions belong ``time_offset`` before their stamps: the difference is then the noise and nothing

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dynident.project.export import FileError, Urdf, export
+import numpy as np
+
+from dynident.project.export import FileError, Urdf, export, random_states
 from dynident.report.identification.robot import export_notes, export_results, export_section
 from dynident.report.page import render
 from tests.project.export.arms import STATES, arm
+from tests.robots import ARM
 
 
 def page(exports) -> str:
@@ -39,3 +42,10 @@ def test_what_is_left_out_has_its_cost() -> None:
         {"log": "slow", "role": "validation", "model": 2.0, "file": 3.25},
     ]
     assert "3.25" not in page([replace(made, written=replace(made.written, left_out=()))])
+
+
+def test_names_are_escaped() -> None:
+    text = ARM.replace('"twist"', '"&lt;b>twist"')
+    made = export(arm(text), Urdf(), random_states(3, np.random.default_rng(0), 20))
+    assert made.ready
+    assert "<b>twist" not in page([replace(made, file="<b>twist.urdf")])

@@ -9,7 +9,9 @@ from dynident.identification.terms import TermChoice, TermTrial, TrialOutcome
 from dynident.models import Joint
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.report.identification import identification_page
+from dynident.report.identification.figures import trial_figure
 from dynident.report.identification.terms import OUTCOMES, term_section
+from tests.report.test_page import EVIL
 
 
 def choice(joints):
@@ -48,3 +50,9 @@ def test_the_page_has_a_figure_per_joint_and_all_that_was_tried(chosen, identifi
     assert table.rows[1][2] == "cycles 30.0 and 60.5"
     assert "Friction and other terms" in identification_page(chosen)
     assert list(term_section(identification)) == []
+
+
+def test_names_are_escaped(chosen):
+    case = TermTrial(EVIL, EVIL, (), 1.0, 1.0, TrialOutcome.ENTERED)
+    figure = trial_figure([case], OUTCOMES)
+    assert EVIL not in figure.json()

@@ -10,7 +10,7 @@ from dynident.models import Joint
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.report.identification import identification_page
 from dynident.report.identification.figures import trial_figure
-from dynident.report.identification.terms import OUTCOMES, term_section
+from dynident.report.identification.terms import OUTCOMES, choice_comments, term_section
 from tests.report.test_page import EVIL
 
 
@@ -56,3 +56,15 @@ def test_names_are_escaped(chosen):
     case = TermTrial(EVIL, EVIL, (), 1.0, 1.0, TrialOutcome.ENTERED)
     figure = trial_figure([case], OUTCOMES)
     assert EVIL not in figure.json()
+
+
+def test_comments_name_the_gains_and_the_errors(chosen):
+    said = choice_comments(chosen, "robot.yaml")
+    assert "robot.yaml" in said[""][0]
+    assert said.keys() == {"", "model.terms", "rests"}  # no more than was chosen
+    assert chosen.recipe.rests == "trim"
+    joint = chosen.model.joints[0].name
+    assert (
+        f"{joint}: offset, viscous, coulomb (width 0.0100, gain 90.0 +- 16); error 8.00 -> 5.00 %"
+        in said["model.terms"]
+    )

@@ -43,7 +43,7 @@ def recorded(path: Path, seed: int) -> None:
     bodies = RigidBodies(path.with_name("arm.urdf").read_text())
     model = Model((bodies, Viscous(bodies.joints), Coulomb(bodies.joints)))
     theta = np.array([0.4 if parameter.value is None else parameter.value for parameter in model.parameters])
-    log = recording(seed, 6.0, model=model, theta=theta)
+    log = recording(seed, 4.0, model=model, theta=theta)
     columns = dict(zip("qpuw", (*log.q.T, *log.tau.T), strict=True))
     np.savez(path, t=log.t, temperature=20 + 0.1 * log.t, **columns)
 

@@ -9,13 +9,7 @@ import numpy as np
 import pytest
 
 from dynident.checks import file_notes
-from dynident.checks.alternatives import (
-    _alternatives,
-    _NormalEquations,
-    _plausible_alternatives,
-    _relative_error,
-    better_alternative,
-)
+from dynident.checks.alternatives import better_alternative
 from dynident.checks.file_notes import (
     AffectedColumns,
     ColumnReversed,
@@ -27,7 +21,7 @@ from dynident.checks.file_notes import (
 from dynident.models import Model, RigidBodies
 from dynident.motion.log import Motion
 from dynident.runtime import Finding
-from tests.checks.moving_arm import MOVED, arm, case, motion, text, truth, with_torque
+from tests.checks.moving_arm import MOVED, arm, case, motion, text, truth
 
 ORDER = [0, 2, 1]
 NAMES = {
@@ -125,12 +119,6 @@ def test_the_friction_of_a_motor_that_turns_with_two_joints_is_that_of_its_own_m
     assert "`couplings: { j3_motor: { joints: { j3: 1, j2: 1 } } }` in `model`" in str(finding.message)
 
 
-def test_a_joint_that_stands_tells_nothing_of_a_motor_that_turns_with_it() -> None:
-    still = replace(MOVED, q=np.where(np.arange(3) == 1, 0.7, MOVED.q))
-    notes = [alternative.note(2.0, 1.0) for alternative in _alternatives(case(still, samples=50))]
-    assert not any(isinstance(note, MotorCoupled) for note in notes)
-
-
 def test_gravity_that_is_another_whatever_the_inertias_of_the_file() -> None:
     gravity = (9.81, 0.0, 0.0)
     hung = Model((RigidBodies(text(), gravity=gravity), *arm().terms[1:]))
@@ -138,42 +126,3 @@ def test_gravity_that_is_another_whatever_the_inertias_of_the_file() -> None:
     (entry,) = found(motion(model=hung, theta=truth(hung)), light)
     assert isinstance(entry.message, file_notes.OtherGravity)
     np.testing.assert_allclose(entry.message.fitted, np.round(gravity, 1))
-
-
-def test_the_normal_equations_tell_the_error_of_every_alternative(monkeypatch: pytest.MonkeyPatch) -> None:
-    """They use directions that act less than the precision of the file, so that the error may be a little less.
-
-    Orders and signs of the torques share a regressor, and the fitted gravity has no negative zeros.
-    """
-    given, calls, regressor = case(samples=100), [], Model.regressor
-    tried = list(_alternatives(given))
-    for entry in tried:
-        exact, least = _relative_error(entry.case), _NormalEquations(entry.case).error(entry.case.tau)
-        assert 0.5 * exact < least < 1.001 * exact
-    monkeypatch.setattr(Model, "regressor", lambda self, **states: calls.append(1) or regressor(self, **states))
-    assert list(_plausible_alternatives(given, tried, np.inf)) == tried
-    regressors = {(id(x.case.q), id(x.case.model), id(x.case.extra)) for x in tried}
-    assert len(calls) == len(regressors) < 0.8 * len(tried)
-    notes = [x.note(2.0, 1.0) for x in tried]
-    fitted = [note.fitted for note in notes if isinstance(note, file_notes.OtherGravity)]
-    assert (0.0, 0.0, 9.8) in fitted
-    assert "-0.0" not in str(fitted)
-
-
-def test_of_many_joints_only_neighbours_are_exchanged(monkeypatch: pytest.MonkeyPatch) -> None:
-    def exchanged() -> int:
-        return sum(
-            isinstance(_alternative.note(2.0, 1.0), JointsSwapped) for _alternative in _alternatives(case(samples=50))
-        )
-
-    assert exchanged() == (3 + 2) * len(AffectedColumns)  # pairs, and all by one place
-    monkeypatch.setattr("dynident.checks.alternatives.MAX_JOINTS_ALL_PAIRS", 2)
-    assert exchanged() == (2 + 2) * len(AffectedColumns)
-
-
-@pytest.mark.parametrize("seed", [1, 2])
-def test_what_a_simple_term_explains_better_is_no_large_fault(seed: int) -> None:
-    """Without its rotors an arm seems to hang, and with a strong spring its columns to be exchanged."""
-    moved = motion(seed)
-    assert list(better_alternative(case(moved, arm(without="rotor"), samples=150))) == []
-    assert list(better_alternative(case(with_torque(10.0 * moved.q[:, 2], 2, moved), samples=150))) == []

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from dynident.checks import channel_facts, channel_notes, check_log, check_log_fully, split_gaps
+from dynident.checks import channel_facts, channel_notes, check_log, check_log_fully
 from dynident.motion.log import Log
 from dynident.runtime import InputError, Note
 
@@ -69,36 +67,9 @@ def test_a_sound_log_has_no_findings(changes, kind, multi_turn):
     assert "tau" not in changes or check_log_fully(log(**changes), {"elbow": kind}) == ()
 
 
-@pytest.mark.parametrize(("count", "errors"), [(2, 1), (29, 1), (30, 0)])
-def test_too_few_samples(count, errors):
-    findings = check_log(log().window(stop=T[count - 1]), {"elbow": "revolute"})
-    assert [finding.message for finding in findings if finding.topic == "samples"] == [
-        channel_notes.TooFewSamples(count, 30, pytest.approx(T[1]))
-    ] * errors
-
-
 def test_a_joint_without_a_kind_is_refused():
     with pytest.raises(InputError, match="'elbow' has no kind"):
         check_log(log(), {"wrist": "revolute"})
-
-
-def test_findings_name_the_joint_at_fault():
-    two = replace(log(), q=np.column_stack([np.sin(T), np.ones(N)]), tau=np.tile(log().tau, 2), joints=("a", "b"))
-    (finding,) = check_log(two, {"a": "revolute", "b": "revolute"})
-    assert (finding.joint, finding.message) == ("b", channel_notes.NeverMoves(1, 1.0))
-
-
-def test_split_gaps_keeps_all_long_pieces_and_all_channels():
-    t = stretched(500, 0.1)
-    t[510:] += 1.0
-    test_log = log(t=t, dq=np.ones((N, 1)), command=np.arange(N)[:, None])
-    pieces = split_gaps(test_log)
-    assert [len(piece) for piece in pieces] == [500, N - 510]
-    assert pieces[1].command is not None
-    assert pieces[1].command[0] == 510
-    assert [piece.source for piece in pieces] == ["log part 1", "log part 2"]
-    assert not any(result.topic == "gap" for piece in pieces for result in check_log(piece, {"elbow": "revolute"}))
-    assert split_gaps(pieces[1]) == (pieces[1],)
 
 
 def told(case: Log) -> dict[str, Note]:
@@ -111,12 +82,6 @@ def test_positions_that_are_read_less_often_than_logged(hold):
     test_log = log(q=q[:, None])
     assert channel_facts(test_log)[0].repeats == pytest.approx(1 - 1 / hold, abs=0.05)
     assert told(test_log)["stale"] == channel_notes.RepeatedPositions(channel_facts(test_log)[0].repeats, hold)
-
-
-def test_an_encoder_in_slow_motion_is_not_stale():
-    q = np.round(np.sin(0.05 * T) / 1e-3) * 1e-3
-    assert channel_facts(log(q=q[:, None]))[0].repeats == 0
-    assert "stale" not in told(log(q=q[:, None]))
 
 
 def test_a_rest_of_the_whole_arm_is_named_with_its_time():
@@ -140,35 +105,6 @@ def test_the_facts_on_a_channel_are_those_put_in():
     assert result.torque_resolution == pytest.approx(0.05)
     assert result.rms == pytest.approx(3 / np.sqrt(2), rel=0.05)
     assert np.isnan(channel_facts(log())[0].resolution)
-
-
-def test_figures_are_without_what_the_fit_leaves_out():
-    """A spike and a frozen stretch of positions, and a hundredth of spikes in the torque, change no figure."""
-    rng = np.random.default_rng(7)
-    q = (np.sin(2 * T) + rng.normal(0, 2e-3, N))[:, None]
-    tau = (3 * np.cos(3 * T) + rng.normal(0, 0.1, N))[:, None]
-    q_out, tau_out = (np.zeros((N, 1), dtype=bool) for _ in range(2))
-    q_out[[300, *range(500, 540)]], tau_out[50::100] = True, True
-    wrong = log(q=np.where(q_out, 9.0, q), tau=np.where(tau_out, 500.0, tau))
-    (as_measured,), (result,), (clean,) = (
-        channel_facts(wrong),
-        channel_facts(wrong, q_out, tau_out),
-        channel_facts(log(q=q, tau=tau)),
-    )
-    assert (result.left_out, result.torque_left_out) == (41, int(tau_out.sum()))
-    assert (as_measured.left_out, as_measured.torque_left_out) == (0, 0)
-    for name in ("span", "noise", "rms", "torque_noise"):
-        assert getattr(result, name) == pytest.approx(getattr(clean, name), rel=0.03), name
-        assert getattr(as_measured, name) > 3 * getattr(clean, name), name
-    assert (result.repeats, result.still) == pytest.approx((clean.repeats, clean.still), abs=0.02)
-
-
-def test_a_step_is_found_though_the_file_rounds_and_not_where_there_is_none():
-    counts = np.round(np.sin(2 * T) / 3.14159265e-4)
-    rounded = np.round(counts * 3.14159265e-4, 7)
-    (result,) = channel_facts(log(q=rounded[:, None], tau=np.random.default_rng(10).normal(0, 1, (N, 1))))
-    assert result.resolution == pytest.approx(3.14159265e-4, rel=1e-3)
-    assert np.isnan(result.torque_resolution)
 
 
 @pytest.mark.parametrize(

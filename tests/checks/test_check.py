@@ -9,16 +9,16 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from dynident.checks import file_notes, motion_notes, robot_notes, run_checks, with_findings
+from dynident.checks import file_notes, motion_notes, robot_notes, run_checks
 from dynident.checks.motion_notes import SearchKind, SearchLeftOut
-from dynident.identification import Recipe, identify
+from dynident.identification import Recipe
 from dynident.identification.calibration import with_plain_terms
 from dynident.models import Model, RigidBodies, Term
 from dynident.models.friction import Coulomb, Viscous
 from dynident.models.lagrangian import slider
 from dynident.motion.log import Log, Motion
-from dynident.motion.smoothers import Butterworth, Difference, Smoother, Spline
-from dynident.runtime import Finding, Remark, Severity
+from dynident.motion.smoothers import Difference, Smoother
+from dynident.runtime import Finding, Severity
 from tests.checks import moving_arm
 from tests.robots import ARM_MJCF
 
@@ -79,12 +79,6 @@ def test_a_log_with_an_error_is_left_out_of_the_motion_and_joints_are_matched_by
     assert run_checks(SLIDER, {"train": {"torn": torn}}).excitations == ()
 
 
-def test_a_stage_that_fails_is_a_finding() -> None:
-    findings = run_checks(SLIDER, {"train": {"one": ONE}}, Recipe(smoother=Butterworth(cutoffs=(1e4, 1e4, 1e4))))
-    assert topics(findings) == ["motion"]
-    assert findings.has_errors
-
-
 @pytest.mark.parametrize(("usable", "time_offset"), [(0, 0.0), (1, "estimate"), (4, 0.0), (4, "estimate")])
 def test_motions_of_few_usable_samples_are_an_error_that_is_found(
     usable: int, time_offset: float | Literal["estimate"]
@@ -104,16 +98,6 @@ def test_motions_of_few_usable_samples_are_an_error_that_is_found(
     assert "too few for 4 parameters" in str(error.message)
     assert findings.channels.keys() == {"one", "two"}
     assert not run_checks(SLIDER, {"train": {"one": ONE, "two": TWO}}, recipe).has_errors
-
-
-@pytest.mark.parametrize("count", [4, 6, 29])
-def test_a_log_that_is_too_short_is_said_and_no_more(count: int) -> None:
-    assert topics(run_checks(SLIDER, {"train": {"one": ONE.window(stop=T[count - 1])}})) == ["samples"]
-
-
-def test_the_most_severe_come_first() -> None:
-    given = [Finding(Remark(severity), severity=severity) for severity in reversed(Severity)]
-    assert [finding.severity for finding in run_checks(SLIDER, {}, initial_findings=given).findings] == list(Severity)
 
 
 @dataclass(frozen=True)
@@ -142,31 +126,6 @@ def test_another_gravity_in_the_file_of_any_term_is_said() -> None:
         assert gravity == file_notes.GravityIgnored((0.0, 0.0, -1.62), (0.0, 0.0, -9.81))
         assert len(findings.links) > 0
     assert "gravity" not in topics(run_checks(Model((RigidBodies(ARM_MJCF),)), {}))
-
-
-@dataclass
-class Counted(Smoother):
-    """A smoother that counts what it smooths."""
-
-    count: int = 0
-
-    def __call__(self, log: Log) -> Motion:
-        self.count += 1
-        return Spline()(log)
-
-
-def test_beside_an_identification_nothing_is_smoothed_again() -> None:
-    smoother = Counted()
-    recipe = Recipe(smoother)
-    case, two = (replace(x, tau=-x.tau) for x in (ONE, TWO))
-    logs = {"train": {"one": case}, "validation": {"two": two}}
-    result = identify(SLIDER, logs["train"], logs["validation"], recipe)
-    before = smoother.count
-    both = with_findings(result, SLIDER, logs, recipe)
-    assert smoother.count == before
-    assert [type(finding.message) for finding in both.findings] == [file_notes.ReversedSign]
-    assert both.findings == run_checks(SLIDER, logs, recipe).findings
-    assert both.notes == result.warnings
 
 
 @pytest.mark.parametrize(

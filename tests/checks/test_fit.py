@@ -83,42 +83,12 @@ def test_torque_without_friction_is_said(shown: float) -> None:
         assert case.message.share < 1
 
 
-def test_a_model_without_friction_misses_none_and_an_arm_at_rest_shows_none() -> None:
-    moved = motion(0)
-    assert list(friction_findings(thin_regression(MODEL, [moved]))) == []
-    still = np.zeros_like(moved.q)
-    tau = MODEL.torque(moved.q, still, still, THETA)
-    assert list(friction_findings(thin_regression(RUBBING, [replace(moved, dq=still, ddq=still, tau=tau)]))) == []
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_slow_motion_is_said(seed: int) -> None:
     (result,) = slow_findings(thin_regression(MODEL, [motion(seed, speed=0.02)]))
     assert isinstance(result.message, log_notes.SlowMotion)
     assert result.message.share < result.message.residual / 3
     assert result.message.faster > 3
-
-
-def test_a_check_says_that_all_motion_is_slow() -> None:
-    moved = motion(0, speed=0.02)
-    findings = run_checks(MODEL, {"train": {"log": Log(T, moved.q, moved.tau, moved.joints)}}).findings
-    assert log_notes.SlowMotion in {type(finding.message) for finding in findings}
-
-
-def test_repeats_are_said_with_their_lag() -> None:
-    first, second = motion(1), motion(2)
-    train = Log(first.t, first.q, first.tau, first.joints)
-    log = Log(first.t[40:], first.q[40:], first.tau[40:] * 1.01, first.joints)
-    new = Log(second.t, second.q, second.tau, second.joints)
-    held = {"again": train, "late": log, "new": new}
-    result = {
-        repeat_finding.source: repeat_finding.message
-        for repeat_finding in repeat_findings({"train": {"a": train}, "validation": held})
-    }
-    assert result.keys() == {"again", "late"}
-    assert result["again"] == log_notes.SameData("a", 0.0)
-    assert isinstance(result["late"], log_notes.RepeatedMotion)
-    assert result["late"].lag == pytest.approx(0.4, abs=1e-3)
 
 
 def test_windows_that_overlap_are_said_with_their_share() -> None:

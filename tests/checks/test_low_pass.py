@@ -41,17 +41,8 @@ def test_no_joint_is_late_where_all_torques_are_low_passed() -> None:
     assert not [finding for finding in findings if isinstance(finding.message, LeftAtReversals)]
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.005, 0.02, 0.06])
+@pytest.mark.parametrize("delay", [0.0, 0.02, 0.06])
 def test_late_torques_are_not_named_as_low_passed(delay: float) -> None:
     tau = np.column_stack([np.interp(MOVED.t - delay, MOVED.t, x) for x in MOVED.tau.T])
     for offset in (delay, 0.9 * delay, 1.1 * delay):
         assert list(low_pass_findings(arm(), [replace(MOVED, tau=tau).shift(-offset)])) == []
-
-
-@pytest.mark.parametrize("width", [0.1, 0.3])
-@pytest.mark.parametrize("excess", [1.0, 1.3])
-def test_smooth_friction_of_late_torques_is_not_named_as_low_passed(width: float, excess: float) -> None:
-    """The model has a step at the reversal, as it is before terms are chosen."""
-    smooth = MOVED.tau + 2.0 * (np.tanh(MOVED.dq / width) - np.sign(MOVED.dq))
-    tau = np.column_stack([np.interp(MOVED.t - 0.02, MOVED.t, x) for x in smooth.T])
-    assert list(low_pass_findings(arm(), [replace(MOVED, tau=tau).shift(-0.02 * excess)])) == []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,22 +9,13 @@ import pytest
 
 from dynident.checks.explain import delay_findings, explain_residual
 from dynident.checks.misfit import Misfit, fit_case, misfit
-from dynident.checks.missing import (
-    TRIED_KINDS,
-    cost,
-    faster_case,
-    find_missing_effects,
-    is_tried_effect,
-    mean_square,
-    with_missing,
-)
+from dynident.checks.missing import TRIED_KINDS, faster_case, find_missing_effects, is_tried_effect, with_missing
 from dynident.checks.robot_notes import LeftAtReversals, MissingTerm, TermKind
-from dynident.checks.suspects import find_ripple
 from dynident.identification.terms import TermChoice, TermTrial, TrialOutcome, library_kinds
 from dynident.models import Model
 from dynident.models.friction import Ripple
 from dynident.motion.log import Motion
-from dynident.runtime import Finding, Severity, Use
+from dynident.runtime import Finding, Severity
 from tests.checks.moving_arm import MOVED, VALUES, arm, case, motion, truth, with_torque
 
 Q, DQ, TAU = (x[:, 0] for x in (MOVED.q, MOVED.dq, MOVED.tau))
@@ -67,12 +57,6 @@ def test_an_effect_of_one_joint_is_named_with_its_size(kind: TermKind) -> None:
         assert 0.0 < note.cost < 100 * 0.06 * np.square(TAU).max() / np.mean(TAU**2)
 
 
-def test_a_torque_constant_that_falls_with_the_current_is_a_negative_saturation() -> None:
-    first, *_ = explain_residual(case(with_torque(0.06 * TAU**3 / np.mean(TAU**2))))
-    assert (first.joint, first.message.effect) == ("j1", TermKind.SATURATION)
-    assert first.message.value == pytest.approx(-0.06, rel=0.25)
-
-
 @pytest.mark.parametrize("kind", LEFT_OUT)
 def test_a_term_that_was_left_out_is_named_with_its_cost_on_a_faster_motion(kind: TermKind) -> None:
     notes = [finding.message for finding in explained(kind)]
@@ -85,35 +69,6 @@ def test_a_term_that_was_left_out_is_named_with_its_cost_on_a_faster_motion(kind
     right = full.torque(fast.q, fast.dq, fast.ddq, truth(full))
     error = np.linalg.norm(fast.torque(misfit(given).theta) - right) / np.linalg.norm(right)
     assert notes[0].cost == pytest.approx(100 * error, rel=0.25)
-
-
-@pytest.mark.parametrize("kind", [TermKind.VISCOUS, TermKind.COULOMB])
-def test_what_a_term_removes_is_what_the_fit_with_it_leaves_less(kind: TermKind) -> None:
-    """The share of what is no white noise: the model with the term at all joints leaves only noise."""
-    without, full = misfit(case(model=arm(without=kind.value))), misfit(case())
-    removed = dict(pair for finding in explained(kind) for pair in finding.message.removed)
-    less = mean_square(without) - mean_square(full)
-    share = less / np.maximum(mean_square(without) - without.case.noise, less)
-    assert removed == pytest.approx(dict(zip(MOVED.joints, share, strict=True)), rel=0.1)
-    assert share.min() > 0.9
-
-
-def test_where_the_estimate_of_white_noise_holds_ripple_a_correction_removes_its_share_of_the_whole_residual() -> None:
-    given = case(model=arm(without="viscous"))
-    rippled = replace(given, tau=given.tau + np.sqrt(given.noise) * 30 * np.sin(np.arange(len(given.tau)))[:, None])
-    full = replace(case(), tau=rippled.tau)
-    before, after = misfit(replace(rippled, noise=2 * mean_square(misfit(rippled)))), misfit(full)
-    removed = cost(before, after).removed
-    share = 1 - mean_square(after) / mean_square(before)
-    assert removed == tuple((name, pytest.approx(x)) for name, x in zip(MOVED.joints, share, strict=True) if x > 0)
-    assert 0 < share.max() < 0.9
-
-
-@pytest.mark.parametrize(("size", "forbidden"), [(0.2, None), (5.1, Use.SIMULATION), (10.1, Use.CONTROL)])
-def test_an_effect_forbids_by_its_cost(size: float, forbidden: Use | None) -> None:
-    note = MissingTerm(TermKind.SPRING, 1.0, 0.1, 0.5, cost=size)
-    assert note.forbidden is Finding(note, "j1").forbids is forbidden
-    assert note.removed == ()
 
 
 def test_a_coupled_motor_is_named_with_both_joints() -> None:
@@ -196,16 +151,6 @@ def test_a_late_torque_is_named_with_its_delay(joint: int, delay: float) -> None
     assert note.cost < 10.0
 
 
-def test_a_large_delay_is_a_cause_of_the_residual() -> None:
-    tau = MOVED.tau[:, 1]
-    delayed = case(with_torque(np.interp(MOVED.t - 0.05, MOVED.t, tau) - tau, 1))
-    delayed.dq[7, 1], delayed.keep[7, 1] = 1e-6, False
-    first, *_ = explain_residual(delayed)
-    assert (first.joint, first.message.effect) == ("j2", TermKind.DELAY)
-    assert first.message.value == pytest.approx(0.05, rel=0.25)
-    assert first.message.cost < 10.0  # that of wrong parameters, and not of a rate where friction jumps
-
-
 def test_torques_in_time_are_not_named_even_where_friction_reverses_late() -> None:
     """As presliding has it: the rest of the torque is in time."""
     assert find_delays(PUNCTUAL) == []
@@ -223,20 +168,5 @@ def test_a_ripple_that_is_a_cycle_late_is_no_delay(delay: float, is_named: bool)
     assert (TermKind.DELAY in effects) == is_named
 
 
-def test_recordings_too_short_to_be_shifted_say_nothing() -> None:
-    delayed = delay_torque(2, 0.01)
-    fit = misfit(fit_case(arm(), [delayed]))
-    assert list(delay_findings(fit, [replace(delayed, mask=PUNCTUAL.t < 0.05)])) == []
-
-
 def ripple(rate: float, joint: int = 0) -> Misfit:
     return misfit(case(with_torque(0.5 * np.sin(rate * MOVED.q[:, joint] + 0.7), joint)))
-
-
-def test_what_shows_no_ripple_has_none() -> None:
-    right, fit = misfit(case()), ripple(17.3)
-    assert [find_ripple(right, j) for j in range(3)] == [None] * 3
-    too_fast, seen_once = ripple(200.0), ripple(2 * np.pi / np.ptp(Q))
-    still = replace(fit, case=replace(fit.case, q=fit.case.q * [0.0, 1.0, 1.0]))
-    uncounted, perfect = replace(fit, weight=np.zeros_like(fit.weight)), replace(fit, residual=0.0 * fit.residual)
-    assert [find_ripple(x, 0) for x in (too_fast, seen_once, still, uncounted, perfect)] == [None] * 5

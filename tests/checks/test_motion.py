@@ -11,7 +11,6 @@ from dynident.checks import ExcitedRank, motion_notes
 from dynident.checks.motion import excitation, excited_rank, hardly_moving_findings, limit_findings, rank_findings
 from dynident.models import Joint, Model, RotorInertia
 from dynident.models.friction import Offset, Viscous
-from dynident.models.lagrangian import slider
 from dynident.models.robot_files import RobotJointLimits
 from dynident.motion.log import Motion
 from dynident.regression import Regression
@@ -37,11 +36,6 @@ def test_the_facts_are_those_of_a_sine() -> None:
     assert result.reversals == 8
     assert result.slow == pytest.approx(2 * np.arcsin(0.02) / np.pi, rel=0.1)
     assert excitation([motion(), motion()], "a").reversals == 16
-
-
-def test_only_usable_samples_count() -> None:
-    part = replace(motion(), mask=np.less(T, np.pi))
-    assert excitation([part], "a").reversals == 2
 
 
 WIDE = RobotJointLimits(effort=10, velocity=2, lower=-1, upper=1)
@@ -111,8 +105,3 @@ def test_a_bad_condition_is_said_where_nothing_is_missing() -> None:
     (result,) = rank_findings(ExcitedRank(6, 5, 5, 1e6, ()))
     assert (result.topic, result.message) == ("condition", motion_notes.CorrelatedParameters(5, 1e6))
     assert list(rank_findings(ExcitedRank(5, 5, 5, 1e3, ()))) == []
-
-
-def test_a_slider_is_well_excited_by_a_sine() -> None:
-    moved = replace(motion(), joints=(slider().joints[0].name,))
-    assert excited_rank(slider(), Regression(slider(), (moved,))).condition < 10

@@ -57,11 +57,6 @@ def test_a_torque_of_5000_is_said_with_its_row(outliers: str) -> None:
     assert note.largest == pytest.approx(5000, abs=2)
 
 
-def test_a_held_out_spike_is_said() -> None:
-    (case,) = found(log(3, 8.0), held=(put("tau", [777], 50.0),))
-    assert (case.source, case.message.held_out, case.message.masked) == ("validation 0", True, False)
-
-
 def test_frozen_and_clipped_torques_are_said_with_their_stretch() -> None:
     (case,) = found(put("tau", slice(400, 600), 0.0))
     assert isinstance(case.message, log_notes.FrozenTorque)

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from dynident.checks import relative_gains
-from dynident.models import Model, RotorInertia
-from dynident.models.friction import Viscous
 from dynident.motion.log import Motion
 from tests.checks import moving_arm
 
@@ -40,8 +38,3 @@ def test_what_does_not_follow_the_file_or_was_never_recorded_is_refused() -> Non
     noise = replace(motion, tau=np.random.default_rng(1).standard_normal(motion.tau.shape))
     assert not relative_gains(arm, [noise])
     assert motion.joints[1] not in relative_gains(arm, [replace(motion, tau=motion.tau * [1.0, 0.0, 1.0])])
-
-
-def test_a_model_without_inertias_gives_none() -> None:
-    model = Model(tuple(kind(moving_arm.arm().joints) for kind in (RotorInertia, Viscous)))
-    assert not relative_gains(model, [currents()])

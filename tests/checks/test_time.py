@@ -38,21 +38,6 @@ def test_stamps_that_jitter_are_distinguished_from_sampling_that_jitters() -> No
     assert topics(true)["jitter"] == ("info", channel_notes.SamplingJitter(timing(true).jitter, timing(true).even))
 
 
-def test_where_position_noise_hides_it_nothing_is_claimed() -> None:
-    hidden = log(EVEN + JITTER, EVEN, noise=0.1)
-    assert timing(hidden).even == pytest.approx(1, abs=0.05)
-    assert topics(hidden)["jitter"] == ("info", channel_notes.SamplingJitter(timing(hidden).jitter, None))
-
-
-def test_an_even_time_axis_has_no_findings() -> None:
-    even = log(EVEN, EVEN)
-    assert topics(even) == {}
-    test_timing = timing(even)
-    assert (test_timing.samples, test_timing.missing, test_timing.even) == (N, 0, 1.0)
-    assert test_timing.rate == pytest.approx(200)
-    assert test_timing.length == pytest.approx((N - 1) * STEP)
-
-
 @pytest.mark.parametrize(("lost", "severity"), [(13, "info"), (200, "warning")])
 def test_lost_samples_are_counted(lost: int, severity: str) -> None:
     drop = np.random.default_rng(5).choice(np.arange(1, N - 1), lost, replace=False)
@@ -87,35 +72,6 @@ def test_equal_spacing_is_taken_where_the_stamps_jitter_and_only_there() -> None
     assert [respace(x) for x in sound] == [(x, None) for x in sound]
 
 
-def test_equal_spacing_can_be_asked_for() -> None:
-    spaced, note = respace(log(EVEN + JITTER, EVEN, noise=0.1), always=True)
-    assert note is not None
-    assert note.factor == pytest.approx(1, abs=0.05)
-    np.testing.assert_allclose(np.diff(spaced.t), STEP, rtol=1e-4)
-
-
-@pytest.mark.parametrize("lost", [1, 13, 100])
-def test_lost_samples_keep_their_place(lost: int) -> None:
-    drop = np.random.default_rng(5).choice(np.arange(1, N - 1), lost, replace=False)
-    kept = np.delete(np.arange(N), drop)
-    spaced, note = respace(log(EVEN[kept] + 0.2 * JITTER[kept], EVEN[kept]))
-    assert note is not None
-    assert note.lost == lost
-    assert note.rate == pytest.approx(200, rel=1e-4)
-    np.testing.assert_allclose(spaced.t, EVEN[kept], atol=0.1 * STEP)
-
-
-def test_samples_that_are_read_in_bursts_are_not_lost() -> None:
-    """Some come late, and those after them at once: equal spacing holds, though the steps look like gaps."""
-    delayed = EVEN.copy()
-    for k in range(100, N - 10, 97):
-        delayed[k : k + 4] = delayed[k + 4] - np.array([4, 3, 2, 1]) * 1e-2 * STEP
-    spaced, note = respace(log(delayed, EVEN))
-    assert note is not None
-    assert note.lost == 0
-    np.testing.assert_allclose(np.diff(spaced.t), STEP, rtol=1e-3)
-
-
 @pytest.mark.parametrize("pause", [3.4, 8.0])
 def test_true_gaps_are_kept(pause: float) -> None:
     """A recorder that paused, under a busy clock: no equal spacing, though single stamps are off by more."""
@@ -133,12 +89,6 @@ def test_a_rate_that_drifts_is_no_equal_spacing() -> None:
     drift = EVEN + 0.02 * np.sin(EVEN / 4)
     drifting = log(drift + 0.01 * JITTER, drift, noise=1e-7)
     assert respace(drifting) == (drifting, None)
-
-
-def test_a_gap_is_no_count_of_lost_samples() -> None:
-    t = EVEN + np.where(np.arange(N) > 1000, 5.0, 0.0)
-    assert timing(log(t, t)).missing == 0
-    assert topics(log(t, t)).keys() == {"gap"}
 
 
 def test_a_joint_that_does_not_move_says_nothing_of_the_time() -> None:

@@ -99,10 +99,3 @@ def test_without_a_robot_file_friction_and_inertia_tell_the_sign() -> None:
     moved = motion(model, np.array([5.0, 8.0, 3.0, 0.5]))
     assert notes_on(moved, model) == {}
     assert notes_on(replace(moved, tau=-moved.tau), model) == {model.joints[0].name: file_notes.ReversedSign(None)}
-
-
-def test_what_the_file_does_not_say_is_not_compared() -> None:
-    (result,) = agreement(slider(), [motion(slider(), np.array([5.0, 8.0, 3.0, 0.5]))])
-    assert np.isnan([result.scale, result.correlation, result.asked]).all()
-    assert result.rotor == pytest.approx(5.0, rel=0.05)
-    assert result.friction > 0

@@ -33,15 +33,6 @@ def test_a_torque_that_no_state_explains_is_said_with_its_size_last() -> None:
     assert last.message.joint_unexplained == pytest.approx(own, rel=0.2)
 
 
-def test_what_is_left_is_of_all_torque() -> None:
-    foreign = 0.6 * MOVED.tau[:, 1].std() * np.sin(9.1 * T)
-    (entry,) = unexplained_findings(misfit(case(with_torque(foreign, 1))))
-    assert entry.message.unexplained == pytest.approx(
-        100 * np.linalg.norm(foreign) / np.linalg.norm(MOVED.tau), rel=0.2
-    )
-    assert entry.message.unexplained < entry.message.joint_unexplained
-
-
 def test_what_an_odd_log_explains_is_not_left() -> None:
     odd = motion(1)
     logs = [replace(MOVED, source="a"), replace(odd, tau=odd.tau * [1.0, 1.6, 1.0], source="b")]
@@ -54,17 +45,6 @@ def test_what_an_odd_log_explains_is_not_left() -> None:
 @pytest.mark.parametrize("noise", [0.02, 0.3])
 def test_white_noise_of_any_size_is_nothing(noise: float) -> None:
     assert list(unexplained_findings(misfit(case(motion(3, noise=noise))))) == []
-
-
-@pytest.mark.parametrize("joint", [0, 2])
-def test_what_is_left_at_the_reversals_of_a_joint_is_said(joint: int) -> None:
-    extra = after_reversals(joint)
-    (entry,) = reversal_findings(arm(), [with_torque(extra, joint)])
-    assert isinstance(entry.message, LeftAtReversals)
-    assert (entry.severity, entry.joint, entry.forbids) == (Severity.WARNING, f"j{joint + 1}", None)
-    full = np.linalg.norm(MOVED.tau[:, joint] + extra)
-    assert entry.message.unexplained == pytest.approx(100 * np.linalg.norm(extra) / full, rel=0.25)
-    assert 0.4 < entry.message.share < 1.0
 
 
 @pytest.mark.parametrize("width", [0.02, 0.1])

@@ -28,13 +28,6 @@ def test_the_unit_of_time_is_said(scale: float, factor: float) -> None:
     assert finding.message.factor == factor
 
 
-@pytest.mark.parametrize("rate", [10.0, 100.0, 5000.0, 20000.0])
-def test_usual_rates_are_usual(rate: float) -> None:
-    t = np.arange(3000) / rate
-    findings = check_log(log(t, np.sin(2 * t)), {"elbow": "revolute"})
-    assert not any(isinstance(x.message, channel_notes.WrongTimeUnit) for x in findings)
-
-
 def test_a_slow_recording_of_a_fast_motion_is_no_wrong_unit() -> None:
     t = np.arange(3000) / 5.0
     assert check_log(log(t, np.sin(0.5 * t)), {"elbow": "revolute"}) == ()

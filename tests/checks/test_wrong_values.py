@@ -10,28 +10,12 @@ import pytest
 
 from dynident.checks.explain import explain_residual
 from dynident.checks.misfit import misfit
-from dynident.checks.missing import cost, faster_case
-from dynident.checks.robot_notes import (
-    AxisTilted,
-    ClockWrong,
-    LengthWrong,
-    PositionGear,
-    SuspectQuantity,
-    TorqueGain,
-    WrongValue,
-    ZeroOff,
-)
-from dynident.checks.suspects import (
-    displace_joint,
-    estimate_suspect,
-    gain_suspects,
-    geometry_suspects,
-    promising_suspects,
-)
+from dynident.checks.robot_notes import AxisTilted, ClockWrong, LengthWrong, PositionGear, TorqueGain, ZeroOff
+from dynident.checks.suspects import gain_suspects, geometry_suspects
 from dynident.models.lagrangian import slider
 from dynident.motion.log import Motion
-from dynident.runtime import Finding, Use
-from tests.checks.moving_arm import MOVED, arm, case, motion, text, truth
+from dynident.runtime import Finding
+from tests.checks.moving_arm import MOVED, arm, case, motion, text
 from tests.kept import check_kept
 
 
@@ -93,28 +77,6 @@ def test_a_wrong_value_is_found_with_its_joint(name: str) -> None:
         assert (note.component, note.given) == ("x", float(name.split()[1]))
 
 
-@pytest.mark.parametrize(("name", "forbidden"), [("gain 1.1", Use.SIMULATION), ("gain 2", Use.CONTROL)])
-def test_a_value_forbids_simulation_and_control_where_a_joint_is_far_off(name: str, forbidden: Use) -> None:
-    (finding,) = explained(name)
-    assert isinstance(finding.message, WrongValue)
-    assert finding.message.forbidden is forbidden
-
-
-@pytest.mark.parametrize("name", ["gain 2", "gain 0.5"])
-def test_a_gain_costs_its_error_on_a_faster_motion_in_the_unit_of_the_other_joints(name: str) -> None:
-    given, (finding,) = FAULTS[name][-1](), explained(name)
-    fast, model = faster_case(given), arm()
-    right = model.torque(fast.q, fast.dq, fast.ddq, truth(model))
-    error = np.linalg.norm(fast.torque(misfit(given).theta) - right) / np.linalg.norm(right)
-    assert finding.message.cost == pytest.approx(100 * error, rel=0.1)
-    assert finding.message.joint_cost >= finding.message.cost
-
-
-def test_what_changes_nothing_costs_and_removes_nothing() -> None:
-    fit = misfit(case())
-    assert (cost(fit, fit).all, cost(fit, fit).joint, cost(fit, fit).removed) == (0.0, 0.0, ())
-
-
 def test_a_gain_of_all_joints_cannot_be_seen() -> None:
     assert list(explain_residual(case(replace(MOVED, tau=1.1 * MOVED.tau)))) == []
     assert gain_suspects(slider()) == []
@@ -137,49 +99,12 @@ def test_a_tilted_axis_is_found() -> None:
     assert abs(notes[0].value) == pytest.approx(tilt, abs=0.03)
 
 
-def test_a_model_without_frames_has_zeros_only() -> None:
-    model = slider()
-    assert [(x.quantity, x.joint) for x in geometry_suspects(model)] == [("zero", "slider")]
-    assert displace_joint(model, "slider", np.zeros(9)) == model
-
-
-(ZERO,) = (x for x in geometry_suspects(arm()) if (x.joint, x.quantity) == ("j2", "zero"))
-
-
-def test_the_value_of_a_zero_is_sought_within_what_is_plausible() -> None:
-    fit = misfit(case(move_zero(1)))
-    estimate = estimate_suspect(fit, ZERO)
-    assert estimate is not None
-    assert estimate.value == pytest.approx(0.1, abs=4 * estimate.std)
-    assert estimate.std < 0.01
-    right = misfit(case())
-    assert misfit(estimate.case).size < 1.1 * right.size
-    assert estimate_suspect(fit, replace(ZERO, limit=0.05)) is None
-    assert list(promising_suspects(right, [ZERO])) == []
-    assert estimate_suspect(right, ZERO) is None
-
-
 def test_friction_that_is_different_at_low_speed_at_all_joints_is_no_clock() -> None:
     speed = np.sqrt(np.mean(MOVED.dq**2, axis=0))
     stribeck = 4.0 * np.exp(-((MOVED.dq / (0.2 * speed)) ** 2)) * np.sign(MOVED.dq)
     kinds = {type(x.message) for x in explain_residual(case(replace(MOVED, tau=MOVED.tau + stribeck)))}
     assert kinds
     assert ClockWrong not in kinds
-
-
-def test_where_a_clock_cannot_be_told_from_a_length_its_cost_counts() -> None:
-    """The cost is that of inertias too small by the square of the rate, and friction by the rate; gravity is right."""
-    rate, model, theta = 1.25, arm(), truth(arm())
-    (finding,) = explained("clock")
-    assert [rival.quantity for rival in finding.message.others] == [SuspectQuantity.LENGTH]
-    fast = MOVED.q, 2 * MOVED.dq, 4 * MOVED.ddq
-    right, weight = model.torque(*fast, theta), model.torque(MOVED.q, 0 * MOVED.dq, 0 * MOVED.ddq, theta)
-    is_friction = np.array([x.role in ("viscous", "coulomb") for x in model.parameters])
-    friction = model.torque(*fast, np.where(is_friction, theta, 0.0))
-    predicted = weight + (right - weight - friction) / rate**2 + friction
-    worst = np.linalg.norm(predicted - right, axis=0) / np.linalg.norm(right, axis=0)
-    assert finding.message.joint_cost == pytest.approx(100 * worst.max(), rel=0.3)
-    assert finding.forbids is Use.CONTROL
 
 
 def test_all_that_is_said_of_faults_stays() -> None:

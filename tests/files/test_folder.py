@@ -47,28 +47,6 @@ def write_new(folder: Path) -> None:
         held.replace(NEW, removed=["arm.urdf"])
 
 
-def test_replaces_all_and_touches_nothing_else(out: Path) -> None:
-    with result_folder(out) as held:
-        paths = held.replace(NEW, removed=["arm.urdf", "model.py"])
-    assert paths == tuple(out / name for name in NEW)
-    assert content(out) == {**NEW, "thesis.tex": "mine"}
-
-
-def test_a_folder_is_made_and_kept_only_for_results(tmp_path: Path) -> None:
-    with result_folder(tmp_path / "a" / "b"):
-        assert (tmp_path / "a" / "b").is_dir()
-    assert list(tmp_path.iterdir()) == []
-    write_new(tmp_path / "a" / "b")
-    assert content(tmp_path / "a" / "b") == NEW
-
-
-def test_a_folder_on_the_way_that_is_not_there_is_not_needed(tmp_path: Path) -> None:
-    write_new(tmp_path / "x" / ".." / "y")
-    write_whole(tmp_path / "x" / ".." / "z" / "r.txt", b"x")
-    assert sorted(content(tmp_path / "y")) == sorted(NEW)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["y", "z"]
-
-
 @pytest.mark.parametrize("name", ["a\0b", "x" * 300])
 def test_a_name_that_no_folder_can_have(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match=r"nothing can be written here|is no name of a file"):
@@ -242,10 +220,6 @@ def half_done(out: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 class TestSettle:
-    def test_so_does_whoever_writes_another_file(self, half_done: Path) -> None:
-        write_whole(half_done / "result.json", b"newer")
-        assert content(half_done) == {**NEW, "thesis.tex": "mine", "result.json": "newer"}
-
     def test_whoever_reads_next_moves_the_rest_also_of_a_copy(self, half_done: Path, tmp_path: Path) -> None:
         for folder in (shutil.copytree(half_done, tmp_path / "copy"), half_done):
             settle(folder)

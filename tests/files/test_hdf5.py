@@ -51,20 +51,6 @@ def test_groups_are_read_to_a_depth_of_twenty(tmp_path):
     assert list(read_columns(tmp_path / "a.h5").columns) == names[:1]
 
 
-@pytest.mark.parametrize("suffix", ["h5", "hdf5", "mat"])
-def test_arrays_are_columns(tmp_path, suffix):
-    table = read_columns(write_hdf5(tmp_path / f"a.{suffix}"))
-    assert {name: list(column) for name, column in table.columns.items()} == {
-        "arm/tau": [1, 1, 1],
-        "q[0]": [0, 2, 4],
-        "q[1]": [1, 3, 5],
-        "t": [0, 1, 2],
-    }
-    assert dict(table.constants) == {"gain": 2.5}
-    with pytest.raises(InputError, match="column 'odd' holds values of type object"):
-        table.column("odd")
-
-
 def test_matlab_arrays_are_as_matlab_shows_them(tmp_path):
     table = read_columns(write_matlab(tmp_path / "a.mat"))
     assert {name: list(column) for name, column in table.columns.items()} == {

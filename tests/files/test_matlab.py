@@ -59,34 +59,6 @@ def test_other_variables_are_reported_in_words():
     np.testing.assert_array_equal(read["t"], [[0, 1, 2]])
 
 
-@pytest.mark.parametrize("compress", [False, True])
-def test_the_fields_of_a_struct_are_variables(compress):
-    q = np.arange(12.0).reshape(6, 2)
-    read = parse_mat(
-        saved(compress, log={"q": q, "note": "abc", "arm": {"t": np.arange(6.0), "longer_name": 2.0}}, x=q)
-    )
-    assert list(read) == ["log.q", "log.note", "log.arm.t", "log.arm.longer_name", "x"]
-    np.testing.assert_array_equal(read["log.q"], q)
-    np.testing.assert_array_equal(read["log.arm.t"], [np.arange(6.0)])
-    assert read["log.note"] == "text"
-
-
-def test_the_other_byte_order():
-    def element(kind: int, content: bytes) -> bytes:
-        return struct.pack(">II", kind, len(content)) + content + bytes(-len(content) % 8)
-
-    parts = [
-        element(6, struct.pack(">II", 6, 0)),
-        element(5, struct.pack(">ii", 1, 3)),
-        struct.pack(">HH4s", 1, 1, b"t"),  # four bytes or fewer are packed into the tag
-        element(9, struct.pack(">3d", 0, 0.5, 1)),
-    ]
-    data = b"MATLAB 5.0".ljust(124) + b"\1\0MI" + element(14, b"".join(parts))
-    # the packed form has its size first, then its type, when the bytes are in this order
-    np.testing.assert_array_equal(parse_mat(data)["t"], [[0, 0.5, 1]])
-    np.testing.assert_array_equal(scipy.io.loadmat(io.BytesIO(data))["t"], [[0, 0.5, 1]])
-
-
 def test_objects_say_how_their_numbers_become_arrays():
     def element(kind: int, content: bytes) -> bytes:
         return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)

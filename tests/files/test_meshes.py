@@ -51,16 +51,6 @@ def obj(mesh):
     return "\n".join([*lines, *faces]).encode()
 
 
-@pytest.mark.parametrize(("name", "make"), [("a.stl", stl), ("b.STL", text_stl), ("c.obj", obj)])
-def test_a_mesh_is_read_in_each_format(name, make, tmp_path) -> None:
-    path = tmp_path / name
-    path.write_bytes(make(BENT))
-    mesh = read_mesh(path)
-    assert mesh.triangles.shape == BENT.triangles.shape
-    assert mesh.vertices[mesh.triangles] == pytest.approx(BENT.vertices[BENT.triangles], abs=1e-6)
-    assert len(mesh.vertices) == len(np.unique(BENT.vertices, axis=0)) or name == "c.obj"
-
-
 # what takes most memory for its length
 DENSE = {
     "binary.stl": b"\0" * 80 + (5000).to_bytes(4, "little") + np.random.default_rng(0).bytes(5000 * 50),
@@ -106,12 +96,6 @@ def test_all_meshes_together_keep_to_the_memory(tmp_path, monkeypatch) -> None:
     missing = read_geometry(RigidBodies(text), tmp_path / "arm.urdf").missing
     assert 15 < len(missing) < 25
     assert all("with the meshes before it would take" in reason for reason in missing.values())
-
-
-def test_a_polygon_is_a_fan_of_triangles(tmp_path) -> None:
-    path = tmp_path / "square.obj"
-    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
-    assert read_mesh(path).triangles.tolist() == [[0, 1, 2], [0, 2, 3]]
 
 
 @pytest.mark.parametrize(
@@ -204,22 +188,6 @@ def test_a_mesh_is_found_where_robots_keep_it(name, place, tmp_path, monkeypatch
             refuse_inputs(mesh)
     assert geometry.missing == {}
     assert geometry.sources == {0: ShapeSource.COLLISION}
-
-
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
-        ("package://nowhere/arm.stl", "there is no such file."),
-        ("lost.stl", "there is no such file."),
-        ("https://example.org/arm.stl", "there is no such file."),
-        ("broken.stl", "has no triangles"),
-    ],
-)
-def test_a_mesh_that_is_not_there_or_broken_is_said(name, said, tmp_path) -> None:
-    (tmp_path / "broken.stl").write_bytes(b"solid")
-    geometry = read_geometry(dy.RigidBodies(robot(name)), tmp_path / "arm.urdf")
-    assert said in geometry.missing[name]
-    assert geometry.sources == {0: ShapeSource.JOINTS}
 
 
 def test_a_mesh_in_millimetres_is_refused(tmp_path) -> None:

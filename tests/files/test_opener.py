@@ -18,12 +18,10 @@ import dynident as dy
 from dynident.files.opener import (
     content,
     file_stamp,
-    is_address,
     local_file,
     matching_files,
     open_input,
     read_text,
-    real_path,
     refuse_inputs,
     set_memory,
     strip_scheme,
@@ -33,7 +31,7 @@ from dynident.files.results import read_table, write_text
 from dynident.files.tables import read_columns
 from dynident.project.config import read_config, robot_text
 from dynident.project.saved import load
-from dynident.runtime import MEMORY_VARIABLE, ConfigError, DynidentError, InputError, ModelError, memory_budget
+from dynident.runtime import MEMORY_VARIABLE, DynidentError, InputError, memory_budget
 
 READERS = {
     "yaml": read_config,
@@ -114,12 +112,6 @@ def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path, kind: str, m
         assert Path(path).stem[:50].replace("\0", "\\x00") in str(raised.value), what
 
 
-def test_a_name_that_no_file_can_have_is_the_error_of_its_kind() -> None:
-    for error in (InputError, ConfigError, ModelError):
-        with pytest.raises(error, match="is no name of a file"):
-            real_path("a\0b", error)
-
-
 def test_the_budget_is_that_of_the_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv(MEMORY_VARIABLE, raising=False)
     assert memory_budget() == 4 * 10**9
@@ -176,12 +168,6 @@ def store() -> Iterator[Any]:
     result.pipe({"/fleet/a/one.csv": b"t,q\n", "/fleet/b/two.csv": b"t,q\n1,2\n", "/fleet/b/c/three.csv": b""})
     yield result
     result.rm("/fleet", recursive=True)
-
-
-def test_addresses_are_told_from_paths() -> None:
-    assert [is_address(x) for x in ("s3://b/k", "memory://a", "logs/a.csv", "C:\\logs", "a:b/c")] == [
-        True, True, False, False, False
-    ]  # fmt: skip
 
 
 @pytest.mark.usefixtures("store")

@@ -13,7 +13,6 @@ import pytest
 from dynident.files.opener import set_memory
 from dynident.files.parquet import count_rows, value_counts
 from dynident.files.tables import is_divided, read_columns, recording_parts
-from dynident.project.settings import LogSpec
 from dynident.runtime import InputError
 
 N = 4
@@ -149,13 +148,6 @@ def test_parts_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     assert not is_divided(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["", "*.parquet"])
-def test_a_recording_in_parts_is_read_as_one_table(tmp_path: Path, name: str) -> None:
-    table = read_columns(written(tmp_path / "day") / name)
-    np.testing.assert_allclose(table.column("t"), np.arange(15) * 0.1)
-    assert table.column("q").shape == (15,)
-
-
 def test_all_parts_together_must_fit_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = written(tmp_path / "day", (400, 400, 400))
     monkeypatch.setenv("DYNIDENT_MEMORY", "5e-5")
@@ -183,12 +175,3 @@ def test_what_is_no_recording_in_parts_is_said(tmp_path: Path) -> None:
     (folder / "part12.parquet").write_bytes(b"nothing")
     with pytest.raises(InputError, match=r"part12\.parquet: is not a readable \.parquet file"):
         count_rows(folder / "part12.parquet")
-
-
-@pytest.mark.parametrize(
-    ("file", "label"), [("day/*.parquet", "day"), ("day", "day"), ("day/monday.parquet", "monday")]
-)
-def test_a_recording_is_named_after_its_file_or_folder(file: str, label: str) -> None:
-    spec = LogSpec.model_validate({"file": file}, context={"folder": "logs"})
-    assert spec.label == label
-    assert LogSpec.model_validate({"file": file, "name": "first"}).label == "first"

@@ -12,13 +12,6 @@ import pytest
 
 from dynident.files.results import probe_folder, read_table, write_json, write_table, write_text
 from dynident.runtime import InputError
-from tests.files.test_folder import failing
-
-
-def test_text_is_written_with_its_folders(tmp_path):
-    path = write_text(tmp_path / "a" / "b" / "c.txt", "ü\n")
-    assert path.read_bytes() == "ü\n".encode()
-    assert os.listdir(path.parent) == ["c.txt"]
 
 
 def test_json_keeps_values_and_turns_non_finite_numbers_to_null(tmp_path):
@@ -31,38 +24,6 @@ def test_json_keeps_values_and_turns_non_finite_numbers_to_null(tmp_path):
 def test_a_table_comes_back(tmp_path, name):
     frame = pl.DataFrame({"run": range(300), "error": [1] * 299 + [0.1 + 0.2]}, strict=False)
     assert read_table(write_table(tmp_path / name, frame)).equals(frame)
-
-
-def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
-    path = write_text(tmp_path / "r.json", "old")
-    monkeypatch.setattr(os, "fsync", failing(28, "No space left on device"))
-    with pytest.raises(InputError, match="cannot be written: No space left on device"):
-        write_text(path, "new")
-    assert path.read_text() == "old"
-    assert os.listdir(tmp_path) == ["r.json"]
-
-
-def test_values_that_json_cannot_hold_touch_no_file(tmp_path):
-    path = write_text(tmp_path / "r.json", "old")
-    with pytest.raises(TypeError):
-        write_json(path, {"a": object()})
-    assert path.read_text() == "old"
-
-
-def test_an_interrupted_write_leaves_no_temporary_file(tmp_path, monkeypatch):
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(os, "replace", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        write_text(tmp_path / "r.txt", "new")
-    assert os.listdir(tmp_path) == []
-
-
-def test_the_rights_are_those_of_an_ordinary_file(tmp_path):
-    (tmp_path / "plain").write_text("x")
-    mode = write_text(tmp_path / "r.txt", "x").stat().st_mode
-    assert mode == (tmp_path / "plain").stat().st_mode
 
 
 @pytest.mark.parametrize("place", ["file/r.txt", "folder", ""])
@@ -86,11 +47,6 @@ def test_a_damaged_table_is_an_input_error(tmp_path, name, data):
         read_table(tmp_path / name)
 
 
-def test_a_missing_table_is_an_input_error(tmp_path):
-    with pytest.raises(InputError, match="there is no such file"):
-        read_table(tmp_path / "t.csv")
-
-
 def test_a_folder_is_probed_without_a_trace(tmp_path):
     probe_folder(tmp_path / "deep" / "out")
     assert list(tmp_path.iterdir()) == []
@@ -100,18 +56,3 @@ def test_a_folder_is_probed_without_a_trace(tmp_path):
     (tmp_path / "taken").write_text("mine")
     with pytest.raises(InputError, match=r"taken.*nothing can be written here"):
         probe_folder(tmp_path / "taken")
-
-
-def test_json_has_a_line_for_each_row_and_is_the_same_data(tmp_path):
-    data = {
-        "matrix": [[1.5, 2], [3, 1e-300]],
-        "rows": [{"name": "m", "value": 0.1}],
-        "long": dict.fromkeys("abc", "x" * 60),
-    }
-    data |= {"none": [], "empty": {}, "deep": {"a": {"b": [{}]}}, "infinite": [np.inf], "word": "µ"}
-    text = write_json(tmp_path / "r.json", data).read_text()
-    assert json.loads(text) == data | {"infinite": [None]}
-    lines = text.splitlines()
-    for line in ("    [1.5, 2],", '    {"name": "m", "value": 0.1}', '  "none": [],', '  "word": "µ"'):
-        assert line in lines
-    assert max(map(len, lines)) < 170

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import builtins
 import sqlite3
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
-from threading import Event
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from rosbags.rosbag1 import reader
 from rosbags.rosbag2 import storage_mcap
 
-from dynident.files.ros import chunks_within_budget, examine_files
+from dynident.files.ros import examine_files
 from dynident.files.tables import read_columns
 from dynident.models import Joint
 from dynident.project.config import parse_config
@@ -82,28 +79,6 @@ def test_two_publishers_of_the_same_joints_are_reported(tmp_path):
     assert "3 messages repeat the stamp of another one with other values" in table.notes[0]
 
 
-@kinds
-def test_two_publishers_on_one_topic_keep_their_rows(tmp_path, kind):
-    """Arm and gripper alternate on one topic, with a stamp that is at times the same."""
-    finger = [State(("finger",), (0.5 * k,), (), (), 20_000_000 * k) for k in range(3)]
-    states = sorted([*ramp(6), *finger], key=lambda x: x.stamp)
-    table = read_columns(write_bag(tmp_path, kind, states))
-    assert list(table.column("a.position")) == [0, 1, 2, 3, 4, 5]
-    assert list(table.column("/joint_states/finger.position")) == [0, 0.5, 1]
-    assert list(table.column("/joint_states/time")) == [0, 0.02, 0.04]
-    assert table.notes == ()
-
-
-def test_several_topics_have_several_prefixes(tmp_path):
-    commands = [replace(x, effort=(), topic="/command") for x in ramp(50)]
-    gripper = ramp(9, ("finger",), "/gripper")
-    states = sorted([*commands, *gripper, *ramp(7)], key=lambda x: x.stamp)
-    table = read_columns(write_bag(tmp_path, "bag", states))
-    assert [len(table.column(name)) for name in ("time", "/gripper/time", "/command/time")] == [7, 9, 50]
-    with pytest.raises(InputError, match=r"'/command/a\.effort' is empty in every message of /command"):
-        table.column("/command/a.effort")
-
-
 def test_messages_of_fewer_joints_are_apart_and_reported(tmp_path):
     states = ramp(10)
     states[4] = State(("b",), (1.0,), (), (1.0,), states[4].stamp)
@@ -121,14 +96,6 @@ def test_headers_without_stamps_give_the_time_of_receipt(tmp_path):
     assert "4 of 4 headers have no stamp" in table.notes[0]
     states = [replace(x, stamp=1, received=x.stamp) for x in ramp(4)]
     assert "most header stamps repeat" in read_columns(write_bag(tmp_path, "mcap", states, "stuck")).notes[0]
-
-
-def test_missing_values_stay_missing(tmp_path):
-    states = ramp(4)
-    states[2] = replace(states[2], effort=(), velocity=(np.nan, 1.0))
-    table = read_columns(write_bag(tmp_path, "db3", states))
-    np.testing.assert_array_equal(table.column("b.effort"), [100, 110, np.nan, 130])
-    np.testing.assert_array_equal(table.column("a.velocity"), [0, 0, np.nan, 0])
 
 
 def test_torn_messages_are_left_out_and_reported(tmp_path):
@@ -226,30 +193,6 @@ def test_a_length_beyond_the_memory_is_damage(tmp_path, sound, monkeypatch):
     monkeypatch.setattr(storage_mcap, "read_sized", read)
     with pytest.raises(InputError, match=r"arm\.mcap: a part of it is longer than the memory, .* record again"):
         read_columns(path)
-
-
-def test_bags_are_read_in_turn(tmp_path):
-    """rosbags has one table of decompressors: each bag finds it as it was, also beside another thread."""
-    before, order = dict(reader.decompressors), []
-
-    def read(name):
-        with chunks_within_budget(tmp_path):
-            order.append(f"{name} begins")
-            assert reader.decompressors["bz2"] != before["bz2"]
-            began.set()
-            gate.wait(60)
-            order.append(f"{name} ends")
-
-    began, gate = Event(), Event()
-    with ThreadPoolExecutor() as pool:
-        first = pool.submit(read, "one")
-        began.wait(60)
-        second = pool.submit(read, "two")
-        gate.set()
-        first.result(60)
-        second.result(60)
-    assert order == ["one begins", "one ends", "two begins", "two ends"]
-    assert reader.decompressors == before
 
 
 def test_a_folder_in_a_bag_hides_no_database_after_it(tmp_path):

@@ -97,26 +97,6 @@ def test_a_later_row_replaces_an_earlier_one_wherever_that_is(path: Path) -> Non
     assert sorted(runs(pl.read_parquet(path))) == [0, 1, 2, 3, 4]
 
 
-def test_only_the_rows_of_some_keys(path: Path) -> None:
-    keys = pl.DataFrame([key(1), key(3), key(9)], schema={name: SCHEMA[name] for name in KEY}, orient="row")
-    with store(path) as table:
-        table.add([row(run) for run in range(5)])
-        assert sorted(runs(table.table(keys))) == [1, 3]
-
-
-def test_no_row_is_written_twice_before_the_end(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The cost of saving a row does not depend on how many there are."""
-    written: list[int] = []
-    write = row_store.write_table
-    monkeypatch.setattr(row_store, "write_table", lambda path, rows: (written.append(len(rows)), write(path, rows))[1])
-    with store(path) as table:
-        for run in range(20):
-            table.add([row(run)])
-            table.save()
-        table.save()
-        assert written == [1] * 20
-
-
 def test_rows_are_saved_without_a_further_call(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The next row of slow work may come in an hour."""
     monkeypatch.setattr(row_store, "SAVE_EVERY", 0.01)

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dynident.files import text
 from dynident.files.tables import DataTable, read_columns
 from dynident.runtime import DynidentError, InputError
 from tests.project.files import mat, npz, parquet, written
@@ -18,12 +17,10 @@ from tests.project.files import mat, npz, parquet, written
 TEXTS = {
     "comma": ("t,q\n0,1.5\n1,-2e-3\n", {"t": [0, 1], "q": [1.5, -2e-3]}),
     "semicolon": ("t;q\n0;1.5\n1;2\n", {"t": [0, 1], "q": [1.5, 2]}),
-    "tab": ("t\tq\n0\t1.5\n1\t2\n", {"t": [0, 1], "q": [1.5, 2]}),
     "blanks": ("  t    q\n 0   1.5\n 1   2\n", {"t": [0, 1], "q": [1.5, 2]}),
     "no header": ("0,1.5\n1,2\n", {"0": [0, 1], "1": [1.5, 2]}),
     "one column": ("1.5\n2\n", {"0": [1.5, 2]}),
     "decimal comma": ("t;q\n0,5;1,5\n1;-,25e1\n", {"t": [0.5, 1], "q": [1.5, -2.5]}),
-    "decimal comma with tabs": ("0,5\t1,5\n1\t2\n", {"0": [0.5, 1], "1": [1.5, 2]}),
     "quotes": ('"t [s]","a, b"\n"0","1.5"\n', {"t [s]": [0], "a, b": [1.5]}),
     "comments": ("# recorded\n# t q\n0 1\n% pause\n1 2\n", {"t": [0, 1], "q": [1, 2]}),
     "blank lines, CRLF, byte order mark": ("\ufefft,q\r\n\r\n0,1\r\n", {"t": [0], "q": [1]}),
@@ -83,12 +80,6 @@ def test_other_encodings_of_the_header_are_read(tmp_path):
     assert "q [°]" in read_columns(written(tmp_path, "b.txt", "t;q [°]\n0;1\n".encode("latin-1"))).columns
 
 
-def test_one_number_a_line_is_reshaped(tmp_path):
-    table = read_columns(written(tmp_path, "a.txt", "1\n2\n3\n4\n5\n6\n"), width=3)
-    assert {name: list(column) for name, column in table.columns.items()} == {"0": [1, 4], "1": [2, 5], "2": [3, 6]}
-    assert table.place(1) == "line 4"
-
-
 BINARIES = {
     ".npz": npz(t=np.arange(3), q=np.arange(6.0).reshape(3, 2), gain=2.5, odd=np.array(["a"]), deep=np.ones((2, 2, 2))),
     ".mat": mat(t=np.arange(3), q=np.arange(6.0).reshape(3, 2), gain=2.5, odd="text", deep=np.ones((2, 2, 2))),
@@ -110,12 +101,6 @@ def test_binary_files_are_read(tmp_path, kind):
     for name in ("odd", "deep"):
         with pytest.raises(InputError, match=f"column {name!r} (holds|has the shape)"):
             table.column(name)
-
-
-@pytest.mark.parametrize("shape", [(1, 4), (4, 1)])
-def test_rows_and_columns_of_matlab_are_columns(tmp_path, shape):
-    path = written(tmp_path, "a.mat", mat(t=np.arange(4).reshape(shape)))
-    assert list(read_columns(path).column("t")) == [0, 1, 2, 3]
 
 
 def test_pickled_objects_are_not_loaded(tmp_path):
@@ -155,14 +140,6 @@ def test_damaged_files_are_worded(tmp_path, name, data, fragments):
     with pytest.raises(InputError) as caught:
         read_columns(written(tmp_path, name, data))
     assert all(fragment in str(caught.value) for fragment in (name, *fragments)), caught.value
-
-
-def test_a_missing_file_lists_its_neighbours(tmp_path):
-    written(tmp_path, "swing_1.csv", "1")
-    with pytest.raises(InputError, match=r"did you mean 'swing_1\.csv'"):
-        read_columns(tmp_path / "swing1.csv")
-    with pytest.raises(InputError, match="does not exist"):
-        read_columns(tmp_path / "lost" / "a.csv")
 
 
 @pytest.mark.parametrize(
@@ -225,16 +202,6 @@ def test_where_nothing_is_to_choose_from_none_is_offered(tmp_path):
         DataTable({"t": np.zeros(2)}, {}, "log.csv").constant("K")
 
 
-def test_too_little_memory_is_not_taken_for_damage(tmp_path, monkeypatch):
-    def read(*_):
-        raise MemoryError
-
-    (tmp_path / "log.csv").write_text("t\n1\n")
-    monkeypatch.setattr(text, "_split_lines", read)
-    with pytest.raises(MemoryError):
-        read_columns(tmp_path / "log.csv")
-
-
 def test_time_along_the_rows_is_seen_by_the_length_of_other_columns(tmp_path):
     q = np.arange(12.0).reshape(2, 6)
     np.savez(tmp_path / "a.npz", t=np.arange(6.0), q=q, square=np.eye(6), other=np.ones((2, 5)))
@@ -260,13 +227,6 @@ def test_without_a_column_of_time_the_far_longer_side_is_the_time(shape, tmp_pat
 def test_sides_of_about_one_length_are_not_guessed(tmp_path):
     np.savez(tmp_path / "a.npz", q=np.ones((6, 40)))
     assert "transpose" in read_columns(tmp_path / "a.npz").faults["q"]
-
-
-def test_a_vector_of_one_number_per_joint_says_nothing_of_the_time(tmp_path):
-    np.savez(tmp_path / "a.npz", t=np.arange(300.0), q=np.ones((6, 300)), gains=np.ones(6))
-    table = read_columns(tmp_path / "a.npz")
-    assert len(table.columns["q[5]"]) == 300
-    assert len(table.guesses) == 1
 
 
 def test_a_damaged_parquet_leaves_no_trace(tmp_path, capfd):

@@ -32,44 +32,10 @@ def child(text, tag):
     return next(node for node in text.root.walk() if node.tag == tag)
 
 
-def test_attributes_are_replaced_and_added():
-    text = XmlText(MARKUP)
-    text.set(child(text, "b"), {"two": '"&', "three": "3"})
-    text.set(child(text, "d"), {"new": "4", "long": "5"})
-    text.set(child(text, "c"), {"x": "0"})
-    expected = MARKUP.replace('"x>y"', '\'"&amp;\' three="3"').replace('long="3"', 'long="5" new="4"')
-    assert str(text) == expected.replace("<c/>", '<c x="0"/>')
-
-
 def test_attributes_are_dropped():
     text = XmlText(MARKUP)
     text.drop(child(text, "b"), ("one", "none"))
     assert str(text) == MARKUP.replace(" one = '1'", "")
-
-
-@pytest.mark.parametrize(
-    ("tag", "old", "new"),
-    [
-        ("b", "\n    <b one = '1' two=\"x>y\"/>", ""),
-        ("é", '\n    <é name="ü"><c/></é>', ""),
-        ("d", '\n    <d\n       long="3" >text</d >', ""),
-    ],
-)
-def test_elements_are_deleted_and_replaced(tag, old, new):
-    text = XmlText(MARKUP)
-    text.delete(child(text, tag))
-    assert str(text) == MARKUP.replace(old, new)
-    text = XmlText(MARKUP)
-    text.replace(child(text, tag), "<new/>")
-    assert str(text) == MARKUP.replace(old, "\n    <new/>")
-
-
-def test_elements_are_inserted_with_the_indentation_of_their_siblings():
-    text = XmlText(MARKUP)
-    text.insert(text.root, "<x>", "  <y/>", "</x>")
-    text.insert(child(text, "b"), "<z/>")
-    expected = MARKUP.replace("<a>\n", "<a>\n    <x>\n      <y/>\n    </x>\n", 1)
-    assert str(text) == expected.replace('two="x>y"/>', 'two="x>y">\n      <z/>\n    </b>')
 
 
 def test_line_ends_are_kept():
@@ -98,14 +64,6 @@ def test_includes_are_read_as_if_written_out(tmp_path: Path) -> None:
     text = robot_text(write(tmp_path, defaults=f"<mujocoinclude>{DEFAULTS}</mujocoinclude>", wrist=wrist))
     assert text.replace("<!-- as ever -->", "") == ARM_MJCF
     assert RigidBodies(text).parameters == RigidBodies(ARM_MJCF).parameters
-
-
-def test_an_included_file_may_include_others_beside_itself(tmp_path: Path) -> None:
-    path = write(
-        tmp_path, defaults='<mujoco><include file="inner.xml"/></mujoco>', inner=f"<mujoco>{DEFAULTS}</mujoco>",
-        wrist=f"<mujoco>{WRIST}</mujoco>",
-    )  # fmt: skip
-    assert robot_text(path).replace("<!-- as ever -->", "") == ARM_MJCF
 
 
 def test_what_is_included_is_read_and_not_replaced(tmp_path: Path) -> None:

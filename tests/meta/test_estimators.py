@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import importlib
 from collections.abc import Callable
 from pathlib import Path
@@ -49,22 +48,3 @@ def test_every_kind_takes_part(load: Load) -> None:
         named = study.methods()[0] if study.__name__.endswith("arm") else study.methods()
         for kind in {*SMOOTHERS.table, *ESTIMATORS.table} - sizes - {"difference", "least_squares"}:
             assert any(kind in name.replace(",", "").split() for name in named), kind
-
-
-def test_a_robot_without_recordings_is_skipped(
-    load: Load, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    study = load("robots")
-    monkeypatch.setattr(importlib.import_module("commands"), "ROOT", tmp_path / "checkout")
-    nothing = argparse.Namespace(robot=None, folder=tmp_path)
-    assert study.robots(nothing) == {}
-    assert study.emps(nothing) == {}
-    said = capsys.readouterr().out
-    assert all(f"{robot} is skipped" in said for robot in study.ROBOTS)
-
-
-def test_parameters_of_peers_are_judged_in_the_order_of_the_model(load: Load) -> None:
-    theta, base = load("arm").arm()[1:]
-    exact = load("peers").judged("peer", "fit", theta, 1.0, np.ones(base.rank))
-    assert exact["rms"] == 0
-    assert exact["error"] < 1e-9

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import re
 import runpy
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ import nbformat
 import pytest
 import yaml
 
-from tests.cli.commands import run
 from tests.meta.test_docs import NUMBER
 
 ROOT = Path(__file__).parents[2]
@@ -132,10 +130,3 @@ def test_a_configuration_says_whence_its_recordings_come_and_what_comes_out(path
     assert errors
     assert set(errors) <= {cell.strip() for cell in measured.split("|")}
     assert said["Result"].partition("; ")[2].startswith(USES)
-
-
-def test_recordings_that_are_not_there_are_looked_for_beside_the_configuration(tmp_path: Path) -> None:
-    shutil.copy(EXAMPLES / "lwr4.yaml", tmp_path)
-    done = run("identify", tmp_path / "lwr4.yaml", "--out", tmp_path / "lwr4-out")
-    assert done.exit_code == 1
-    assert str(tmp_path / "data" / "lwr4") in done.output.replace("\n", "")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import json
 import os
-import runpy
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -64,19 +63,6 @@ def test_every_work_exists_and_has_one_key(bench: SimpleNamespace) -> None:
         assert f"def {work.name}(" in source, work.key
 
 
-def test_peers_of_rows_are_measured(bench: SimpleNamespace) -> None:
-    for row in (row for table in bench.marks.TABLES.values() for row in table.rows):
-        assert row.peer is None or row.peer in row.work.peers, row.text
-        ratios = [mark.ratio for mark in row.marks if mark]
-        assert row.peer or not any(ratios), row.text
-
-
-def test_an_unknown_part_is_refused(bench: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        bench.run.main(["spline"])
-    assert "unknown part 'spline'; known: splines, bodies" in capsys.readouterr().err
-
-
 def test_a_run_keeps_what_a_file_has_of_other_parts(
     tried: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -93,18 +79,3 @@ def test_a_run_keeps_what_a_file_has_of_other_parts(
     shown = capsys.readouterr().out
     assert "| a row | peer 1 | 0.1 (10 x) | 5 x: met | 0.5 (2 x) | 5 x: **not met** |" in shown
     assert "Marks: 1 met, 1 not met, 0 not measured." in shown
-
-
-def test_a_peer_that_cannot_be_installed_stops_nothing(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def refused(*_: object) -> None:
-        raise SystemExit("no such package")
-
-    started = runpy.run_path(str(ROOT / "dev.py"))["bench"]
-    commands: list[tuple[object, ...]] = []
-    monkeypatch.setitem(started.__globals__, "pip", refused)
-    monkeypatch.setitem(started.__globals__, "run", lambda *words: commands.append(words[1:]))
-    started(["marks"])
-    assert commands == [("benchmarks/run.py", "marks")]
-    assert "no such package" in capsys.readouterr().err

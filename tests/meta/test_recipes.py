@@ -191,23 +191,6 @@ def test_the_configuration_reads_the_layout(heading: str, tmp_path: Path) -> Non
     assert_read(config, heading)
 
 
-def test_torques_of_newer_universal_robots_need_no_gain(tmp_path: Path) -> None:
-    heading = "Universal Robots (RTDE)"
-    text, changes = re.subn(r"actual_current_(\d), gain: [\d.]+", r"actual_current_as_torque_\1", shown()[heading])
-    assert changes == 6
-    path, config = written(tmp_path, heading, text)
-    assert_read(path, heading)
-    _, draft = drafted(tmp_path, model_of(config), *logs_of(config))
-    assert yaml.safe_load(draft)["torque"] == config["torque"]
-
-
-def test_a_gain_may_be_a_scalar_of_a_matlab_file(tmp_path: Path) -> None:
-    heading = "MATLAB and Simulink"
-    config, _ = written(tmp_path, heading, shown()[heading].replace('"log.tau[1]"', '"log.tau[1]", gain: log.Kt'))
-    ((_, log),) = read_project(config).logs()[0]["train"].items()
-    np.testing.assert_allclose(log.tau, moved(2, 0.002, 0)[2] * [1.0, 0.5], rtol=1e-12)
-
-
 def drafted(folder: Path, model: str, *logs: str) -> tuple[str, str]:
     """What ``init`` prints, and its draft."""
     paths = [str(folder / name) for name in (model, *logs)]
@@ -252,19 +235,3 @@ def test_init_asks_for_the_gains_of_currents(heading: str, tmp_path: Path) -> No
     assert yaml.safe_load(draft)["position"].items() >= config["position"].items()
     for channel in config["torque"].values():
         assert f"column: {channel['column']}" in draft.replace('"', "")
-
-
-def test_good_names_leave_nothing_to_ask(tmp_path: Path) -> None:
-    """The last section names two columns: such a file needs no answer."""
-    assert "`elbow_pos_deg` and `elbow_torque_Nm`" in PAGE
-    names = ("shoulder", "elbow")
-    (tmp_path / "arm.urdf").write_text(robot(names, "tool", fixed=True))
-    for seed, day in enumerate(("monday", "tuesday")):
-        t, q, tau = moved(2, 0.002, seed)
-        columns = {"time_s": t} | {f"{name}_pos_deg": np.rad2deg(q[:, k]) for k, name in enumerate(names)}
-        columns |= {f"{name}_torque_Nm": tau[:, k] for k, name in enumerate(names)}
-        pl.DataFrame(columns).write_csv(tmp_path / f"{day}.csv")
-    said, draft = drafted(tmp_path, "arm.urdf", "monday.csv", "tuesday.csv")
-    assert "Confirm" not in said
-    assert "Fill in" not in said
-    assert yaml.safe_load(draft)["position"]["elbow"] == {"column": "elbow_pos_deg", "unit": "deg"}

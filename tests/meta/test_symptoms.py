@@ -32,13 +32,6 @@ def test_each_type_of_message_has_its_entry() -> None:
     assert {f"TermKind.{kind.name}" for kind in TermKind} <= MARKED
 
 
-def test_a_quote_has_a_place_for_each_figure() -> None:
-    assert GENERATOR["printed"]("OddScale") == '"the torque is … times that of the robot file\'s inertias"'
-    assert GENERATOR["printed"]("TermKind.ROTOR") == '"rotor inertia of … kg m^2 or kg"'
-    with pytest.raises(KeyError):
-        GENERATOR["printed"]("Nothing")
-
-
 def test_no_words_are_quoted_that_nobody_prints() -> None:
     prose = re.sub(r"```.*?```|`[^`]*`", "``", PAGES["symptoms.md"], flags=re.DOTALL)
     free = re.findall(r'(?<!-->)"([^"\n]+)"', GENERATOR["MARK"].sub("", prose))

@@ -10,7 +10,7 @@ from dynident.files.meshes import read_geometry
 from dynident.models.capsules import body_capsules, bounding_balls, default_link_radius, fixed_boxes
 from dynident.models.geometry import Solid, build_geometry
 from dynident.models.robot_files import ShapeKind, rotation
-from tests.apps.excitation.meshes import BENT, box
+from tests.apps.excitation.meshes import BENT
 from tests.models.test_fitting import beyond, points
 from tests.robots import joint, link, urdf
 
@@ -60,12 +60,6 @@ def test_balls_at_the_ends_of_a_cylinder_and_it_are_one_capsule() -> None:
     assert [x.radius for x in test_capsules] == pytest.approx([0.07] * 3, rel=0.03)
 
 
-def test_shapes_far_from_each_other_stay_apart() -> None:
-    shapes = at("0 0 0", '<sphere radius="0.05"/>'), at("0 0.3 0.4", '<sphere radius="0.05"/>')
-    test_capsules = capsules(two_joints(shaped("base"), shaped("arm", *shapes), shaped("hand")))
-    assert [x.radius for x in test_capsules if x.link == "arm"] == pytest.approx([0.05, 0.05])
-
-
 def test_a_bent_mesh_has_two_capsules_that_contain_it() -> None:
     mesh = at("0 0 0", '<mesh filename="bent.stl"/>')
     test_capsules = capsules(two_joints(shaped("base"), shaped("arm", mesh), shaped("hand")), {"bent.stl": BENT})
@@ -98,16 +92,6 @@ def test_balls_reach_as_far_as_the_shape_in_every_direction(kind, size, reach) -
     assert (reached.min() > 1 - 1e-12, reached.max() < 1 / np.cos(np.pi / 16) ** 2 + 1e-12) == (True, True)
 
 
-def test_a_mesh_is_scaled_and_placed() -> None:
-    mesh = at("0 0 1", '<mesh filename="box.stl" scale="0.001 0.001 0.001"/>')
-    test_capsules = capsules(
-        two_joints(shaped("base"), shaped("arm", mesh), shaped("hand")), {"box.stl": box([-20] * 3, [20] * 3)}
-    )
-    (arm,) = [x for x in test_capsules if x.link == "arm"]
-    assert (arm.start + arm.end) / 2 == pytest.approx([0, 0, 1], abs=2e-3)
-    assert 0.02 * 2**0.5 < arm.radius < 0.02 * 3**0.5 + 1e-6
-
-
 def test_links_without_shapes_have_capsules_between_their_joints() -> None:
     xml = two_joints(link("base"), link("arm", 1.0), link("hand", 1.0))
     test_capsules = capsules(xml)
@@ -116,17 +100,6 @@ def test_links_without_shapes_have_capsules_between_their_joints() -> None:
     assert sorted(np.array([test_capsules[0].start, test_capsules[0].end]).tolist()) == pytest.approx(
         np.array([[0, 0, 0], [0, 0.3, 0.4]]), abs=1e-3
     )
-
-
-def test_a_mesh_that_is_missing_leaves_the_joints() -> None:
-    mesh = at("0 0 0", '<mesh filename="package://nowhere/arm.stl"/>')
-    test_capsules = capsules(two_joints(shaped("base", mesh), shaped("arm", mesh), shaped("hand", mesh, mass=None)))
-    assert [x.link for x in test_capsules] == ["base", "arm", "hand"]
-    assert test_capsules[0].end != pytest.approx(test_capsules[0].start)
-
-
-def test_a_link_without_mass_and_shape_has_no_capsule() -> None:
-    assert capsules(two_joints(link("base"), link("arm"), link("hand"))) == ()
 
 
 def test_a_table_that_stands_still_is_a_box() -> None:

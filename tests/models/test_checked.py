@@ -77,12 +77,6 @@ def test_a_term_that_misbehaves(answer, message):
     assert "failed" not in message or isinstance(caught.value.__cause__, KeyError)
 
 
-def test_partials_of_a_term_are_checked_too():
-    model = Model((Broken(lambda q: np.zeros((len(q), 2, 1))),))
-    with pytest.raises(ModelError, match=r"derivative by q of term Broken has shape \(7, 2, 1\)"):
-        model.partials(Q, DQ, DDQ, [1.0])
-
-
 def test_errors_of_the_project_pass_unchanged():
     def refuse(q):
         raise ModelError("as it is")

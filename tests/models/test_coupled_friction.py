@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.models import CoupledFriction, CoupledMotor, Joint
+from dynident.models import CoupledFriction, Joint
 from dynident.models.friction import Power
 from dynident.runtime import ModelError
 
@@ -22,14 +22,6 @@ def test_it_does_the_work_of_the_motor() -> None:
     Y = CoupledFriction(WRIST, SHARES, "m", "power", {"exponent": 0.3}).regressor(q, dq, ddq)
     assert np.allclose(Y[:, :, 0], f * [0.0, 1.0, -2.0])
     assert np.allclose(np.sum(Y[:, :, 0] * dq, axis=1), f[:, 0] * dphi)
-
-
-def test_the_plain_law_is_that_of_the_motor() -> None:
-    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 10, 3))
-    motor = CoupledMotor(WRIST, SHARES, "m", inertia=False, viscous=False)
-    own = CoupledFriction(WRIST, SHARES, "m", "coulomb")
-    assert np.allclose(own.regressor(q, dq, ddq), motor.regressor(q, dq, ddq))
-    assert not {parameter.name for parameter in own.parameters} & {parameter.name for parameter in motor.parameters}
 
 
 def test_a_sharp_sign_becomes_smooth() -> None:

@@ -1,11 +1,9 @@
 """The ready-made models have the parameters that they promise."""
 
-from itertools import product
-
 import numpy as np
 import pytest
 
-from dynident.models.lagrangian import MODELS, pendulum, slider, two_link_arm
+from dynident.models.lagrangian import MODELS, two_link_arm
 
 PUBLISHED = (0.0340, 0.0030, 0.0045, 0.1329, 0.0170, 0.6189, 0.6189)  # article, tables 2, 4 and 6, "True value"
 
@@ -54,24 +52,3 @@ def test_true_values_of_the_article():
     exact = np.round(two_link_arm().values, 4)
     assert [k + 1 for k in range(7) if exact[k] != PUBLISHED[k]] == [2, 5]
     np.testing.assert_allclose(two_link_arm().values, PUBLISHED, atol=1e-4)
-
-
-def test_slider():
-    rail = slider(values=(5.0, 8.0, 3.0, 0.5))
-    assert rail.names == ("M", "Fv", "Fc", "offset")
-    assert [p.unit for p in rail.parameters] == ["kg", "N s/m", "N", "N"]
-    assert [(j.name, j.kind) for j in rail.joints] == [("slider", "prismatic")]
-    M, Fv, Fc, offset = rail.values
-    for dq, ddq in product((-0.3, 0.3), (-2.0, 1.0)):
-        force = rail.torque([[0.1]], [[dq]], [[ddq]], rail.values)
-        np.testing.assert_allclose(force, M * ddq + Fv * dq + Fc * np.sign(dq) + offset, rtol=1e-14)
-
-
-def test_pendulum():
-    pivot = pendulum()
-    assert [(p.name, p.unit, p.expression) for p in pivot.parameters] == [
-        ("J", "kg m^2", "I + lc**2*m"),
-        ("h", "kg m", "lc*m"),
-    ]
-    torque = pivot.torque([[0.5]], [[3.0]], [[2.0]], pivot.values)
-    np.testing.assert_allclose(torque, [[0.0825 * 2 + 9.81 * 0.25 * np.sin(0.5)]], rtol=1e-14)

@@ -1,6 +1,5 @@
 """What is known of the shapes of an arm."""
 
-import numpy as np
 import pytest
 
 import dynident as dy
@@ -8,7 +7,7 @@ from dynident.models import ShapeSource
 from dynident.models.geometry import build_geometry, link_places
 from dynident.models.robot_files import ShapeKind
 from tests.apps.excitation.meshes import box
-from tests.robots import ARM, joint, link, urdf
+from tests.robots import joint, link, urdf
 
 BALL = '<geometry><sphere radius="0.1"/></geometry>'
 
@@ -43,29 +42,6 @@ def test_which_shapes_of_a_link_are_used(collision, visual, made, kinds) -> None
     assert [solid.kind for solid in geometry.solids] == kinds
 
 
-def test_meshes_that_are_only_seen_are_not_asked_for_where_collision_is_known() -> None:
-    asked = []
-
-    def mesh_of(name):
-        asked.append(name)
-        return box([0] * 3, [1] * 3)
-
-    build_geometry(arm((mesh("a.stl"), BALL, mesh("b.stl")), (mesh("c.stl"),)), mesh_of)
-    assert asked == ["a.stl", "b.stl"]
-
-
-def test_fixed_links_have_their_place_on_the_body() -> None:
-    places = {link_place.link: link_place for link_place in link_places(dy.RigidBodies(ARM))}
-    assert {name: x.body for name, x in places.items()} == {
-        "base": -1,
-        "upper": 0,
-        "slide": 1,
-        "tool": 1,
-        "wrist": 2,
-    }
-    assert places["tool"].frame[:3, 3] == pytest.approx([0, 0.1, 0])
-
-
 def test_links_that_stand_still_are_placed_by_locked_joints() -> None:
     xml = urdf(
         link("base"), link("table"), link("rail", 1.0), link("arm", 1.0),
@@ -76,10 +52,3 @@ def test_links_that_stand_still_are_placed_by_locked_joints() -> None:
     places = {link_place.link: link_place for link_place in link_places(dy.RigidBodies(xml, ("one",), {"slide": 0.3}))}
     assert {name: x.body for name, x in places.items()} == {"base": -1, "table": -1, "rail": -1, "arm": 0}
     assert places["rail"].frame[:3, 3] == pytest.approx([1.0, 0.3, 0.5])
-
-
-def test_frames_of_links_agree_with_those_of_bodies() -> None:
-    bodies = dy.RigidBodies(ARM)
-    assert np.array(
-        [link_place.frame for link_place in link_places(bodies) if link_place.link in ("upper", "slide", "wrist")]
-    ) == (pytest.approx(np.array([np.eye(4)] * 3)))

@@ -5,23 +5,18 @@ import pytest
 
 import dynident as dy
 from dynident.models import Mesh, outlines
-from dynident.models.capsules import body_capsules, bounding_balls, cut_halves, joint_rod, simplify_mesh
+from dynident.models.capsules import cut_halves, simplify_mesh
 from dynident.models.geometry import Solid, build_geometry
 from dynident.models.robot_files import ShapeKind, placement, rotation
 from tests.apps.excitation.meshes import BENT, volume
 from tests.models.test_capsules import at, shaped
-from tests.robots import ARM, joint, urdf
+from tests.robots import joint, urdf
 
 FRAME = placement(rotation(np.array([0.6, 0.0, 0.8]), 0.7), np.array([0.1, 0.2, -0.3]))
 
 
 def solid(kind, *size, mesh=None):
     return Solid("link", 0, kind, size, FRAME, mesh)
-
-
-def test_a_mesh_is_all_its_corners() -> None:
-    balls = bounding_balls(solid(ShapeKind.MESH, 1.0, 1.0, 1.0, mesh=BENT))
-    assert (balls.centres - FRAME[:3, 3]) @ FRAME[:3, :3] == pytest.approx(BENT.vertices)
 
 
 def test_both_sides_of_a_cut_contain_the_triangles_there() -> None:
@@ -35,10 +30,6 @@ def test_both_sides_of_a_cut_contain_the_triangles_there() -> None:
     for pair in sides:
         within = [((points @ directions.T) < (x.centres @ directions.T).max(axis=0) + 1e-9).all(axis=1) for x in pair]
         assert np.logical_or(*within).all()
-
-
-def test_simple_shapes_are_not_cut() -> None:
-    assert list(cut_halves(solid(ShapeKind.BOX, 1, 1, 1))) == []
 
 
 SHAPES = {
@@ -58,27 +49,6 @@ def test_an_outline_encloses_the_shape_and_points_outwards(shape, true) -> None:
     assert (result.link, result.body) == ("arm", 0)
     assert 0.8 * true < volume(result.mesh) < 1.0001 * true
     assert result.mesh.vertices.mean(axis=0) == pytest.approx([0.3, -0.2, 1.0], abs=1e-9)
-
-
-def test_links_of_unknown_shape_are_drawn_as_capsules() -> None:
-    geometry = build_geometry(dy.RigidBodies(ARM))
-    capsules = body_capsules(geometry)
-    result = outlines(geometry, capsules)
-    assert [x.body for x in result] == [0, 1, 2]
-    for case, capsule in zip(result, capsules, strict=True):
-        true = np.pi * capsule.radius**2 * (np.linalg.norm(capsule.end - capsule.start) + 4 / 3 * capsule.radius)
-        assert 0.8 * true < volume(case.mesh) < true
-
-
-def test_without_capsules_they_are_rods_the_last_one_to_its_centre_of_mass() -> None:
-    bodies = dy.RigidBodies(ARM)
-    first, *_, last = outlines(build_geometry(bodies))
-    theta = bodies.arm.bodies[-1].theta
-    reach = joint_rod(build_geometry(bodies), 2)
-    np.testing.assert_allclose(reach.end, theta[1:4] / theta[0])
-    assert np.linalg.norm(last.mesh.vertices - reach.end, axis=1).min() <= reach.radius
-    along = bodies.arm.bodies[1].placement[:3, 3]
-    assert (first.mesh.vertices @ along).max() > along @ along
 
 
 def test_a_mesh_of_many_triangles_becomes_one_of_few() -> None:

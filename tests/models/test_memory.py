@@ -9,7 +9,7 @@ from dynident.models import Model, drop_load_dependence
 from dynident.models.friction import Coulomb, Dahl, Drift, LoadCoulomb, Viscous
 from dynident.models.lagrangian import pendulum
 from dynident.motion.log import Motion, thin_motions
-from dynident.regression import Regression, linear_problem
+from dynident.regression import Regression
 from dynident.runtime import InputError, ModelError
 
 JOINTS = pendulum().joints
@@ -35,27 +35,6 @@ def test_a_motion_carries_what_is_remembered_of_it():
     )
 
 
-def test_a_shift_interpolates_what_is_remembered():
-    motion = HYSTERETIC.remembering(swinging())
-    step = motion.t[1]
-    delayed = motion.shift(3 * step)
-    np.testing.assert_allclose(delayed.memory[:-4], motion.memory[3:-1], atol=1e-9)
-    half = motion.shift(0.5 * step).memory
-    np.testing.assert_allclose(half[:-1], (motion.memory[1:] + motion.memory[:-1]) / 2, atol=1e-12)
-
-
-@pytest.mark.parametrize("model", [HYSTERETIC, LOADED.with_load([0.1, 0.2, 0.0, 0.0])])
-def test_blocks_have_the_columns_of_the_whole(model, monkeypatch):
-    """A motion of several blocks, with a gap in the mask."""
-    monkeypatch.setattr(linear_problem, "BLOCK_ENTRIES", 1)
-    motion = model.remembering(swinging())
-    motion = replace(motion, mask=(motion.t < 3.0) | (motion.t > 3.4))
-    blocks = list(Regression(model, (motion,)).blocks())
-    assert len(blocks) > 2
-    regressor = model.regressor(**motion.states())[motion.mask]
-    np.testing.assert_allclose(np.concatenate([block.Y for block in blocks]), regressor, rtol=1e-12, atol=1e-12)
-
-
 def test_a_motion_without_its_memory_is_refused():
     with pytest.raises(ModelError, match=r"the motion before \(Dahl, Drift\).*`Model.remembering`"):
         Regression(HYSTERETIC, (swinging(),))
@@ -69,14 +48,6 @@ def test_a_memory_of_another_length_is_refused():
     motion = swinging(50)
     with pytest.raises(InputError, match="memory has shape"):
         replace(motion, memory=np.zeros((49, 1)))
-
-
-def test_the_mass_needs_no_memory():
-    theta = [0.1, 0.2, 3.0, 0.1, 1.0]
-    np.testing.assert_allclose(HYSTERETIC.mass_matrix([[0.3]], theta), pendulum().mass_matrix([[0.3]], theta[:2]))
-    ddq = HYSTERETIC.forward_dynamics([[0.3]], [[1.0]], [[2.0]], theta, [[0.5, 0.25]])
-    tau = HYSTERETIC.torque([[0.3]], [[1.0]], ddq, theta, [[0.5, 0.25]])
-    np.testing.assert_allclose(tau, [[2.0]])
 
 
 def test_the_load_is_the_torque_of_the_bodies():

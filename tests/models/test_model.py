@@ -1,13 +1,11 @@
 """The sum of terms: inverse and forward dynamics, and its messages."""
 
-from dataclasses import dataclass, field, replace
-
 import numpy as np
 import pytest
 
-from dynident.models import Joint, Model, Parameter, RigidBodies, RotorInertia, Term
-from dynident.models.friction import Coulomb, Offset, Viscous
-from dynident.models.lagrangian import pendulum, slider, two_link_arm
+from dynident.models import Joint, Model, RigidBodies, RotorInertia
+from dynident.models.friction import Offset, Viscous
+from dynident.models.lagrangian import slider, two_link_arm
 from dynident.runtime import ModelError
 from tests.robots import ARM
 
@@ -39,21 +37,6 @@ def test_theta_per_sample_equals_one_call_per_sample():
         case = arm.torque(Q[row], DQ[row], DDQ[row], theta)
         np.testing.assert_allclose(arm.torque(Q, DQ, DDQ, thetas)[row], case, rtol=1e-13, atol=1e-15)
         np.testing.assert_allclose(arm.mass_matrix(Q, thetas)[row], arm.mass_matrix(Q[row], theta), rtol=1e-12)
-
-
-def test_forward_uses_friction_at_the_actual_velocity():
-    """Coulomb friction does not leak into the mass matrix."""
-    rail = slider(values=(5.0, 8.0, 3.0, 0.5))
-    dq = np.array([[0.2]])
-    np.testing.assert_allclose(rail.mass_matrix(dq, rail.values), [[[5.0]]], rtol=1e-15)
-    np.testing.assert_allclose(
-        rail.forward_dynamics(dq, dq, [[10.0]], rail.values), [[(10 - 1.6 - 3 - 0.5) / 5]], rtol=1e-14
-    )
-
-
-def test_values_are_none_where_one_is_unknown():
-    assert Model((Viscous(JOINTS, values=(1.0, 2.0)), Offset(JOINTS))).values is None
-    np.testing.assert_array_equal(Model((Viscous(JOINTS, values=(1.0, 2.0)),)).values, [1.0, 2.0])
 
 
 @pytest.mark.parametrize("theta", [(0.0, 8.0, 3.0, 0.5), (1e-320, 8.0, 3.0, 0.5)])
@@ -110,16 +93,6 @@ def test_mass_matrix_check():
         arm.check_mass_matrix(np.zeros((0, 2)), arm.values)
 
 
-def test_a_singular_mass_matrix_is_not_positive():
-    assert not two_link_arm().check_mass_matrix(Q, [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]).positive
-
-
-def test_no_samples_give_no_rows():
-    arm, none = two_link_arm(), np.zeros((0, 2))
-    assert arm.regressor(none, none, none).shape == (0, 2, 7)
-    assert arm.forward_dynamics(none, none, none, arm.values).shape == (0, 2)
-
-
 @pytest.mark.parametrize(
     ("terms", "message"),
     [
@@ -132,37 +105,6 @@ def test_no_samples_give_no_rows():
 def test_terms_that_do_not_fit(terms, message):
     with pytest.raises(ModelError, match=message):
         Model(terms)
-
-
-def test_partials_add_up_over_the_terms():
-    model = Model((*pendulum().terms, Coulomb(pendulum().joints, width=0.3), Viscous(pendulum().joints)))
-    q, dq, ddq = RNG.normal(size=(3, 4, 1))
-    slopes = model.partials(q, dq, ddq, [0.1, 0.2, 0.3, 0.4])
-    np.testing.assert_allclose(slopes.q[:, 0, 0], 9.81 * 0.2 * np.cos(q[:, 0]), rtol=1e-14)
-    np.testing.assert_allclose(slopes.dq[:, 0, 0], 1 / np.cosh(dq[:, 0] / 0.3) ** 2 + 0.4, rtol=1e-12)
-    np.testing.assert_allclose(slopes.ddq[:, 0, 0], 0.1, rtol=1e-14)
-
-
-@dataclass(frozen=True)
-class Pulled(Term):
-    """A term with gravity."""
-
-    joints: tuple = JOINTS
-    parameters: tuple = field(default=(Parameter("k", "N m"),))
-    gravity: tuple = (0.0, 0.0, -9.81)
-
-    def regressor(self, q, dq, ddq):
-        return np.cos(q)[..., None]
-
-    def with_gravity(self, gravity):
-        return replace(self, gravity=gravity)
-
-
-def test_gravity_is_changed_in_the_terms_that_have_one():
-    offset = Offset(JOINTS)
-    turned, same = Model((Pulled(), offset)).with_gravity(lambda g: 0.5 * g[[2, 0, 1]]).terms
-    assert turned.gravity == (-4.905, 0.0, 0.0)
-    assert same is offset
 
 
 def test_further_terms_join_a_model():

@@ -34,14 +34,6 @@ def test_elbow_motor_on_the_first_link():
     assert term.parameters[0].value == 0.01
 
 
-def test_all_parts_share_the_width():
-    term = CoupledMotor(ARM, (("shoulder", 2.0),), "m", inertia=False, viscous=False, offset=True, width=0.5)
-    Y = term.regressor(Q[:, :2], DQ[:, :2], DDQ[:, :2])
-    np.testing.assert_allclose(Y[:, 0], np.column_stack([2 * np.tanh(4 * DQ[:, 0]), np.full(4, 2.0)]), rtol=1e-14)
-    assert [p.name for p in term.parameters] == ["Fc_m", "offset_m"]
-    assert not Y[:, 1].any()
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

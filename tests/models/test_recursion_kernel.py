@@ -72,29 +72,8 @@ def test_angles_of_any_size(compiled, size):
     assert_same(result, expected, 1e-15)
 
 
-def test_what_is_not_a_number_stays_in_its_sample(compiled):
-    bodies, theta = random_bodies(4, 5, mimics=0.0)
-    state, mine = random_states(bodies, 2, 11), recursion_of(bodies, compiled)
-    values = mine.layout.expand_parameters(theta)
-    good = mine.torque(*state, values)
-    for which in range(3):
-        bad = [x.copy() for x in state]
-        bad[which][3, 2] = np.nan
-        tau = mine.torque(*bad, values)
-        assert np.isnan(tau[3]).any()
-        assert_same(np.delete(tau, 3, axis=0), np.delete(good, 3, axis=0), 1e-15)
-
-
 def test_entries_in_any_order_and_twice(kind):
     bodies, _ = random_bodies(2, 4, mimics=0.0)
     state, mine = random_states(bodies, 3, 7), recursion_of(bodies, kind)
     joint, parameter = np.array([0, 3, 0, 1, 0, 3]), np.array([39, 1, 39, 12, 5, 0])
     assert_same(mine.entries(*state, joint, parameter), mine.regressor(*state)[:, joint, parameter].T, 1e-15)
-
-
-def test_no_samples(kind):
-    bodies, theta = random_bodies(1, 3, mimics=0.0)
-    none, mine = np.zeros((0, 3)), recursion_of(bodies, kind)
-    assert mine.regressor(none, none, none).shape == (0, 3, 30)
-    assert mine.torque(none, none, none, mine.layout.expand_parameters(theta)).shape == (0, 3)
-    assert mine.weighted_gradient(none, none, none, np.zeros((0, 3, 30))).shape == (3, 0, 3)

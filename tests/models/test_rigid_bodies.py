@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from dynident.models import Model, RigidBodies, from_physical, recursion_kernel
+from dynident.models import Model, RigidBodies, recursion_kernel
 from dynident.models.robot_files import RobotJointLimits
 from dynident.runtime import ModelError
 from tests.robots import ARM, ARM_MJCF, GRIPPER, joint, link, urdf
@@ -41,22 +41,6 @@ def test_limits_and_nominal_values_of_an_mjcf():
     assert (term.friction, term.armature) == ({"shoulder": 0.2}, {"rail": 0.01})
 
 
-def test_degrees_of_an_mjcf():
-    text = ARM_MJCF.replace('<compiler angle="radian" ', "<compiler ")
-    limits = RigidBodies(text).limits
-    assert (limits["shoulder"].upper, limits["rail"].upper) == (pytest.approx(np.pi / 180), 1.0)
-
-
-def test_a_hanging_joint_without_limit_is_read():
-    text = urdf(link("a"), link("b", 1.0), joint("j", "continuous", "a", "b").replace("continuous", "revolute"))
-    assert RigidBodies(text).limits == {"j": RobotJointLimits()}
-
-
-def test_an_undeclared_world_is_no_fault():
-    text = urdf(link("a"), link("b", 1.0), joint("w", "fixed", "world", "a"), joint("j", "revolute", "a", "b"))
-    assert RigidBodies(text).merged_links == {"world": ("a",)}
-
-
 def test_missing_meshes_and_materials_do_not_matter():
     mesh = '<visual><geometry><mesh filename="package://no/where.stl"/></geometry><material name="none"/></visual>'
     text = ARM.replace("</inertial>", f"</inertial>{mesh}{mesh.replace('visual', 'collision')}")
@@ -64,13 +48,6 @@ def test_missing_meshes_and_materials_do_not_matter():
         "</robot>", '<gazebo reference="x"/><transmission name="t"><joint name="rail"/></transmission></robot>'
     )
     np.testing.assert_array_equal(values(RigidBodies(text)), values(RigidBodies(ARM)))
-
-
-def test_a_mimic_joint_stands_where_it_follows():
-    near, far = (RigidBodies(GRIPPER, joints_used=("elbow",), locked={"finger": x}) for x in (0.0, 0.05))
-    assert near.merged_links == {"arm": ("left", "right")}
-    my = [values(term)[2] for term in (near, far)]
-    np.testing.assert_allclose(my, [-0.1 * 0.01, 0.1 * 0.05 - 0.1 * 0.11], rtol=1e-12)
 
 
 def test_a_mimic_joint_moves_with_its_master():
@@ -110,26 +87,6 @@ def test_several_limbs_of_a_heavy_base_are_said():
     assert RigidBodies(urdf(link("trunk"), *parts[1:])).notes == ()
 
 
-def test_mimics_of_mimics():
-    """follower = 2 finger + 0.01, third = 3 follower + 0.1."""
-    third = joint(
-        "third",
-        "prismatic",
-        "arm",
-        "tip",
-        axis=(0, 1, 0),
-        inside='<mimic joint="follower" multiplier="3" offset="0.1"/>',
-    )
-    text = GRIPPER.replace("</robot>", link("tip", 1.0) + third + "</robot>")
-    near, far = (RigidBodies(x, joints_used=("elbow",), locked={"finger": 0.05}) for x in (GRIPPER, text))
-    assert values(far)[2] - values(near)[2] == pytest.approx(3 * 0.11 + 0.1)
-
-
-def test_a_mimic_joint_can_be_stated():
-    term = RigidBodies(GRIPPER, joints_used=("elbow", "finger"), locked={"follower": 0.02})
-    assert values(term)[2] == pytest.approx(-0.1 * 0.02)
-
-
 def test_unknown_inertia_is_not_zero():
     """MuJoCo would compute it from the mesh; a body without shapes has none."""
     inertial = '<inertial mass="0.7" pos="0.02 0 0.03" diaginertia="0.003 0.004 0.002"/>'
@@ -138,15 +95,6 @@ def test_unknown_inertia_is_not_zero():
     assert shaped.notes == ("robot: body 'wrist': its inertia follows from meshes that were not found.",)
     bare = RigidBodies(ARM_MJCF.replace(inertial, ""))
     assert [p.value for p in bare.parameters[20:]] == [0.0] * 10
-
-
-def test_merged_inertias_are_exact_even_where_masses_cancel():
-    text = urdf(
-        link("a"), link("b", 1.0, (1, 0, 0)), link("c", -1.0, (1, 0, 0)), joint("j", "revolute", "a", "b"),
-        joint("f", "fixed", "b", "c", (0, 0, 1)),
-    )  # fmt: skip
-    first, second = (from_physical(1.0, np.array(c), 0.1 * np.eye(3)) for c in ([1.0, 0, 0], [1.0, 0, 1.0]))
-    np.testing.assert_allclose(values(RigidBodies(text)), first - second, atol=1e-15)
 
 
 def test_what_an_mjcf_holds_besides_is_noted():
@@ -168,11 +116,6 @@ def test_constraints_among_locked_joints_are_no_loops():
     assert [j.name for j in RigidBodies(text, joints_used=("shoulder",)).joints] == ["shoulder"]
 
 
-def test_a_joint_that_is_locked_may_be_of_any_kind():
-    text = ARM_MJCF.replace('type="slide" axis="1 0 0" range="-1 1"', 'type="ball"')
-    assert len(RigidBodies(text, joints_used=("shoulder", "twist")).joints) == 2
-
-
 def test_neither_pinocchio_nor_sympy_is_needed():
     script = (
         "import sys; sys.modules['pinocchio'] = sys.modules['sympy'] = None; import numpy as np\n"
@@ -182,28 +125,6 @@ def test_neither_pinocchio_nor_sympy_is_needed():
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "(2, 3, 30)"
-
-
-def test_bodies_under_another_gravity_share_their_tree():
-    case = RigidBodies(ARM)
-    other = case.with_gravity((1.0, 2.0, 3.0))
-    assert other.recursion.tree is case.recursion.tree
-    moved = case.with_displacement("rail", (0.1,) * 9)
-    assert moved.recursion.layout is case.recursion.layout
-    assert moved.parameters == case.parameters
-
-
-def test_states_of_any_layout_and_type():
-    """Integers, columns of a larger array, and Fortran's order."""
-    term, rng = RigidBodies(ARM), np.random.default_rng(0)
-    full = rng.integers(-3, 3, (3, 9, 6))
-    parts = [x[::2, ::2] for x in full]
-    plain = [np.array(part, dtype=float, order="C") for part in parts]
-    fortran = [np.asfortranarray(x) for x in plain]
-    expected = term.regressor(*plain)
-    np.testing.assert_array_equal(term.regressor(*parts), expected)
-    np.testing.assert_array_equal(term.regressor(*fortran), expected)
-    np.testing.assert_array_equal(term.torque(*parts, list(values(term))), term.torque(*plain, values(term)))
 
 
 @pytest.mark.parametrize(
@@ -232,14 +153,6 @@ def test_a_joint_is_displaced_as_if_the_file_said_so(by, xyz, axis):
     half = tuple(0.5 * np.array(by))
     twice = given.with_displacement("b", half).with_displacement("b", half)
     np.testing.assert_allclose(twice.regressor(*states), expected, atol=1e-12)
-
-
-def test_a_turned_frame_carries_what_follows():
-    given = RigidBodies(ARM)
-    turned = given.with_displacement("twist", (0, 0, 0, 0, 0.3, 0, 0, 0, 0))
-    states = np.random.default_rng(2).standard_normal((3, 5, 3))
-    ahead = [states[0] + np.array([0, 0, 0.3]), *states[1:]]  # its axis is y
-    np.testing.assert_allclose(turned.regressor(*states), given.regressor(*ahead), atol=1e-12)
 
 
 @pytest.mark.parametrize("kernel", [True, False])

@@ -126,9 +126,3 @@ def test_columns_are_dependent_only_to_rounding(step: float, kept: int) -> None:
     b, K = select_independent(X)
     assert len(b) == kept
     np.testing.assert_allclose(X[:, b] @ K, X, atol=1e-13)
-
-
-def test_chosen_columns_are_taken_where_they_have_support() -> None:
-    model = arm()
-    some = model.structure_with([0, 10, 35])
-    assert [column.tolist() for column in some.columns] == [[0, 10], [10], [35]]

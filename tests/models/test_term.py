@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import pickle
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -83,25 +82,6 @@ def test_another_regressor_returns_to_the_defaults(base: type[Term]) -> None:
     assert Other.partials is base.partials
 
 
-class Doubled:
-    """Twice the torque of the next class, which is no term itself."""
-
-    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
-        return 2.0 * super().regressor(q, dq, ddq)  # type: ignore[misc, no-any-return]
-
-
-class TwiceViscous(Doubled, Viscous):
-    """Viscous friction with half of its parameters."""
-
-
-def test_a_regressor_from_a_class_beside_counts_too() -> None:
-    term, state = TwiceViscous(JOINTS), sample_states(2)
-    assert not term.has_own("torque")
-    np.testing.assert_allclose(Model((term,)).torque(*state, np.ones(2)), 2.0 * state[1])
-    assert pickle.loads(pickle.dumps(term)) == term
-    assert term.equations == ()
-
-
 def test_what_is_no_term_is_refused() -> None:
     class Alike:
         joints, parameters = JOINTS, Plain.parameters
@@ -115,7 +95,7 @@ def test_what_is_no_term_is_refused() -> None:
     for term in (Alike(), Bare(), None, 3.0):
         with pytest.raises(ModelError, match=rf"a {type(term).__name__} is no term; .*`dynident\.models\.Term`"):
             Model((term,))  # type: ignore[arg-type]
-    with pytest.raises(ModelError, match=r"term TwiceViscous|term Underived|has no derivatives"):
+    with pytest.raises(ModelError, match=r"term Underived|has no derivatives"):
         Model((type("Underived", (Term,), {**vars(Alike)})(),)).partials(*sample_states(2), np.ones(2))
     assert RigidBodies(ARM).has_own("entries")
     assert two_link_arm().terms[0].has_own("mass_and_bias")
@@ -131,10 +111,6 @@ def test_joints_that_are_none_are_named_with_what_is_right(kind: str, wrong: obj
     }
     with pytest.raises(ModelError, match=r"joints has .*; give the joints of a model, `model\.joints`"):
         TERMS.get(kind)(joints=wrong, **settings)
-
-
-def test_a_single_joint_needs_no_tuple() -> None:
-    assert Viscous(Joint("a")) == Viscous((Joint("a"),))
 
 
 @pytest.mark.parametrize("path", ["arm.urdf", "robots/arm.xml", Path("arm.urdf"), None], ids=repr)

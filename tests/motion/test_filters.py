@@ -7,15 +7,7 @@ import pytest
 from scipy import signal
 
 from dynident.motion import filters
-from dynident.motion.filters import (
-    butterworth,
-    cross_correlation,
-    frequency_response,
-    one_pole_filter,
-    slowest_pole,
-    welch,
-    zero_phase,
-)
+from dynident.motion.filters import butterworth, frequency_response, one_pole_filter, slowest_pole, welch, zero_phase
 from tests.kernel_levels import BEST, NAMES, functions_of
 
 
@@ -87,8 +79,3 @@ def test_welch_is_that_of_scipy(samples: int, length: int) -> None:
     expected = signal.welch(x, fs=100.0, nperseg=length, detrend="constant")
     np.testing.assert_allclose(frequency, expected[0], rtol=1e-13)
     np.testing.assert_allclose(power, expected[1], rtol=1e-9, atol=1e-12 * expected[1].max())
-
-
-def test_correlated_sums_products_at_each_lag() -> None:
-    x, y = np.random.default_rng(0).normal(size=30), np.random.default_rng(1).normal(size=47)
-    np.testing.assert_allclose(cross_correlation(x, y), np.correlate(y, x, mode="full"), atol=1e-12)

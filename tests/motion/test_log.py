@@ -17,13 +17,6 @@ def motion(count: int, first: int = 0) -> Motion:
     return Motion(np.arange(count) * 0.01, x, x, x, x, ("a",), np.arange(count) >= first)
 
 
-def test_samples_are_spread_over_the_usable_ones_of_all_motions() -> None:
-    first, second = subsample([motion(1000, 500), motion(100)], 100)
-    np.testing.assert_array_equal(first, np.arange(500, 1000, 6))
-    np.testing.assert_array_equal(second, np.arange(0, 100, 6))
-    np.testing.assert_array_equal(subsample([motion(30, 10)], 100)[0], np.arange(10, 30))
-
-
 def test_samples_keep_their_distance_from_the_ends() -> None:
     (rows,) = subsample([motion(101)], 1000, margin=0.2)
     np.testing.assert_array_equal(rows, np.arange(20, 81))

@@ -31,21 +31,6 @@ def test_an_arm_is_known_by_names_and_velocities() -> None:
     assert set(ur.limits["left_elbow_joint"]) == {"acceleration"}
 
 
-@pytest.mark.parametrize(
-    ("names", "velocities"),
-    [
-        ([f"panda_joint{k}" for k in range(1, 8)], [2.175] * 7),  # another wrist
-        ([f"panda_joint{k}" for k in range(7, 0, -1)], [2.175] * 4 + [2.61] * 3),  # another order
-        ([f"joint{k}" for k in range(1, 8)], [3.14] * 7),  # an xArm7 has limits of the position, too
-        (list(UNIVERSAL_ROBOTS), [1.0] * 6),
-        (["panda_joint1"], [2.175]),
-        ([], []),
-    ],
-)
-def test_other_arms_are_not(names: list[str], velocities: list[float]) -> None:
-    assert find_arm(limits_of(names, velocities)) is None
-
-
 @pytest.mark.parametrize("entry", TABLE, ids=lambda entry: entry["name"])
 def test_each_arm_of_the_table_is_found(entry: dict) -> None:
     count = 7 if entry["joints"] == "numbered" else 6

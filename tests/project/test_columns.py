@@ -95,17 +95,6 @@ def test_a_unit_in_brackets_is_stated_whatever_the_joints_are_called(column, uni
     assert stated_unit(column, ("elbow", "axis4", "joint_1")) == unit
 
 
-def test_columns_of_one_quantity_are_a_family():
-    names = ["t", "q1", "q2", "q_d1", "tau_elbow", "tau_joint_1", "note"]
-    result = [(family.role, family.rank, dict(family.columns)) for family in families(names, JOINTS)]
-    assert result == [
-        ("time", 0, {None: "t"}),
-        ("position", 0, {1: "q1", 2: "q2"}),
-        ("position", -2, {1: "q_d1"}),
-        ("torque", 0, {"elbow": "tau_elbow", "joint_1": "tau_joint_1"}),
-    ]
-
-
 @pytest.mark.parametrize(
     "names",
     [

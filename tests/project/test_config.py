@@ -11,7 +11,7 @@ from dynident.files.yaml_text import load_yaml
 from dynident.project.config import config_warnings, load_model, parse_config, read_config
 from dynident.project.settings import check_joints
 from dynident.runtime import ConfigError, ModelError
-from tests.project.configurations import FULL, SLIDER, TWO, changed, with_train
+from tests.project.configurations import FULL, SLIDER, TWO
 
 
 def test_a_full_configuration(tmp_path):
@@ -33,34 +33,12 @@ def test_the_file_of_a_fleet_is_named_as_such():
         parse_config("recipe: robot.yaml\nlogs: logs/{robot}/{date}.csv\n", source="many.yaml")
 
 
-def test_headerless_columns_need_no_quotes():
-    config = parse_config(changed(position={"slider": {"sum": {0: 32, 1: "-4.5e0"}, "unit": "m"}}))
-    assert config.position["slider"].terms == {"0": 32, "1": -4.5}
-
-
-def test_one_file_used_twice_is_named_by_its_windows():
-    train = [{"file": "a.mat", "window": [0, 20]}, {"file": "./a.mat", "window": [20, None]}]
-    assert [spec.name for spec in parse_config(changed(train=train)).train] == ["a 0-20 s", "a 20-end"]
-
-
-def test_several_windows_and_files():
-    config = parse_config(with_train(file={"q": "q.txt", "i": "i.txt"}, width={"q": 7}, window=[[5, 6], [0, 2.5]]))
-    (spec,) = config.train
-    assert (spec.name, spec.width, spec.window) == ("q", {"q": 7}, ((5, 6), (0, 2.5)))
-
-
 def test_a_missing_configuration_lists_its_neighbours(tmp_path):
     (tmp_path / "arm.yaml").write_text(FULL)
     with pytest.raises(ConfigError, match=r"no such file.*did you mean 'arm\.yaml'"):
         read_config(tmp_path / "amr.yaml")
     with pytest.raises(ConfigError, match=r"folder .* does not exist"):
         read_config(tmp_path / "lost" / "arm.yaml")
-
-
-def test_a_configuration_that_is_no_text(tmp_path):
-    (tmp_path / "arm.yaml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ConfigError, match="not a UTF-8 text"):
-        read_config(tmp_path / "arm.yaml")
 
 
 ARM = """
@@ -110,24 +88,8 @@ def test_models_that_cannot_be_built(tmp_path, spec, code, fragments):
     assert all(fragment in str(caught.value) for fragment in fragments), caught.value
 
 
-def test_only_functions_of_the_file_itself_are_choices_but_imported_ones_serve(tmp_path):
-    imports = "from dynident.models.lagrangian import pendulum\nfrom pathlib import Path\n\n"
-    source = f"{imports}def arm():\n    return pendulum()\n"
-    (tmp_path / "mine.py").write_text(source)
-    with pytest.raises(ModelError, match=r"did you mean 'arm'\?$"):
-        load_model("mine.py:amr", tmp_path)
-    assert load_model("mine.py:pendulum", tmp_path).names
-
-
 def warned(**changes):
     return config_warnings(parse_config(yaml.safe_dump({**TWO, **changes})))
-
-
-def test_an_ordinary_configuration_gives_no_warning():
-    apart = [{"file": "one.csv", "window": [5, 9]}, {"file": "two.csv", "window": [0, 5]}]
-    assert warned(validation=apart) == ()
-    scaled = {"a": {"column": "q1", "unit": "rad"}, "b": {"column": "q1", "gain": -1, "unit": "rad"}}
-    assert warned(position=scaled) == ()
 
 
 @pytest.mark.parametrize("section", ["position", "torque"])

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import pickle
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
 from dynident.models import Joint
 from dynident.project.config import parse_config
 from dynident.project.logs import read_logs
-from dynident.project.project import build_recipe
 from dynident.runtime import ConfigError, InputError
 from tests.project.files import npz, written
 
@@ -61,14 +56,6 @@ def test_feedforward_is_that_of_the_recording_that_has_one_in_all_its_windows(tm
         assert at_rest == pytest.approx(-2 * t)
 
 
-def test_a_measured_torque_needs_no_controller(tmp_path):
-    recordings(tmp_path)
-    config = config_of(tmp_path, "{kind: measured_torque, restart: 0.2}")
-    assert read_logs(config.train[0], config, SLIDER).logs[0].controller is None
-    assert build_recipe(config).restart == 0.2
-    assert build_recipe(config_of(tmp_path, CASCADE)).restart is None
-
-
 def test_a_controller_behind_gears_is_refused(tmp_path):
     recordings(tmp_path)
     config = config_of(tmp_path, CASCADE, "transmission: {slider: {slider: 5}}")
@@ -90,14 +77,6 @@ def controlled(folder, simulation, **changes):
     return read_logs(config.train[0], config, SLIDER).logs[0].controller
 
 
-def test_a_pd_controller_has_its_references_and_gains(tmp_path):
-    drive = controlled(tmp_path, PD)
-    q, dq = np.array([np.sin(0.5) - 0.01]), np.array([0.2])
-    assert drive(0.5, q, dq) == pytest.approx(2 * (20 * 0.01 + 3 * (np.cos(0.5) - 0.2)))
-    assert drive(0.5, np.array([-9.0]), dq) == pytest.approx(20.0)
-    assert controlled(tmp_path, PD.replace("mm/s", "m/s"))(0.5, q, dq) == pytest.approx(20.0)
-
-
 def test_a_pid_controller_has_its_integral(tmp_path):
     assert controlled(tmp_path, PID.replace("kp: kp", "kp: 0")) is not None
     drive = controlled(tmp_path, PID)
@@ -111,15 +90,6 @@ def test_a_function_gets_time_state_reference_and_settings(tmp_path):
     drive = controlled(tmp_path, LAW)
     q, dq = np.array([np.sin(0.5) - 0.01]), np.array([0.2])
     assert drive(0.5, q, dq) == pytest.approx(2 * (7 * 0.01 - 0.2))
-
-
-def test_a_function_is_found_by_another_process(tmp_path):
-    drive = controlled(tmp_path, LAW)
-    (tmp_path / "drive").write_bytes(pickle.dumps(drive))
-    code = f"import pickle, numpy as np; d = pickle.load(open({str(tmp_path / 'drive')!r}, 'rb')); "
-    code += "print(d(0.5, np.array([np.sin(0.5) - 0.01]), np.array([0.2])).item())"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert float(done.stdout) == pytest.approx(2 * (7 * 0.01 - 0.2))
 
 
 REFERENCE = "the reference of the controller is not one valid number"

@@ -11,7 +11,6 @@ import polars as pl
 import pytest
 import yaml
 
-import dynident as dy
 from dynident.estimators import PhysicallyConsistent, RobustLeastSquares
 from dynident.identification import Identification, identify
 from dynident.models import Model
@@ -37,16 +36,6 @@ QUICK = {
     "validation": [{"file": "logs/tuesday.csv", "window": [0, 4]}],
 }
 NAMES = {"j1": "on", "j2": "no: \"#x'", "j3": "épaule"}
-MINE = """
-from dataclasses import dataclass
-
-from dynident.models.friction import Viscous
-
-
-@dataclass(frozen=True)
-class Mine(Viscous):
-    symbol = "mine"
-"""
 
 
 def write(folder: Path, terms: Any = None, **changes: Any) -> Path:
@@ -129,29 +118,10 @@ def test_comments_say_why_and_end_with_their_line(chosen: Identification, tmp_pa
     assert all(f"gain {x.gain:.3g} +- " in text for x in entered if 0.1 < x.gain < 99.9)
 
 
-def test_settings_that_are_as_by_default_are_left_out(chosen: Identification, tmp_path: Path) -> None:
-    terms = explicit_settings(chosen, tmp_path)["model"]["terms"]
-    assert all("names" not in term and "dead_band" not in term for term in terms)
-    assert {"kind", "on"} <= terms[0].keys()
-
-
 def test_settings_of_a_part_inside_another_are_left_out_likewise(tmp_path: Path) -> None:
     within = PhysicallyConsistent(total_mass=12.0, fit=RobustLeastSquares("tukey"))
     wanted = {"kind": "consistent", "total_mass": 12.0, "fit": {"kind": "robust", "loss": "tukey"}}
     assert part_settings(ESTIMATORS, within, tmp_path) == wanted
-
-
-def test_a_term_of_the_user_beside_those_chosen_is_found_from_another_folder(tmp_path: Path) -> None:
-    terms = ["auto", {"kind": "mine.py:Mine", "on": ["on"]}]
-    path = write(tmp_path / "a", terms, **QUICK)
-    (path.parent / "mine.py").write_text(MINE, encoding="utf-8")
-    outcome = run(path)
-    assert outcome.model.names.count("mine_on") == 1
-    assert outcome.calibration.terms is not None
-    assert outcome.calibration.terms.trials
-    explicit = written(outcome, tmp_path / "b" / "fixed.yaml")
-    assert "../a/mine.py:Mine" in explicit.read_text(encoding="utf-8")
-    assert_same_torque(outcome, run(explicit))
 
 
 def test_too_few_samples_leave_the_plain_set(tmp_path: Path) -> None:
@@ -171,14 +141,6 @@ def test_a_result_from_python_has_no_configuration() -> None:
     result = identify(Model((bodies(), Offset(bodies().joints))), [log])
     with pytest.raises(ConfigError, match="made from Python, without a configuration"):
         explicit_config(result, Path("x.yaml"), {})
-
-
-def test_a_result_without_terms_is_of_the_bodies_alone(tmp_path: Path) -> None:
-    (tmp_path / "arm.urdf").write_text(ARM, encoding="utf-8")
-    motion = recorded(simulated.none, 1)
-    log = Log(motion.t, motion.q, motion.tau, motion.joints, "log")
-    result = dy.identify(tmp_path / "arm.urdf", log, estimator=dy.LeastSquares(), smoother=dy.Difference(), terms=None)
-    assert load(result.save(tmp_path / "result.json")).model.names == result.model.names == Model((bodies(),)).names
 
 
 def test_other_sections_are_kept(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -13,8 +12,7 @@ from dynident.checks.motion_notes import LoopUnused
 from dynident.models import Joint
 from dynident.project import logs
 from dynident.project.config import parse_config
-from dynident.project.logs import read_logs, recording_argument
-from dynident.project.settings import LogSpec
+from dynident.project.logs import read_logs
 from dynident.runtime import ConfigError, InputError, Severity
 from tests.project.files import npz, written
 
@@ -47,33 +45,6 @@ def read(folder, text: str, settings: str = "", spec: str = "", joints=ELBOW, he
     written(folder, "a.csv", text)
     config = parse_config(head + textwrap.dedent(settings) + f"\ntrain: [{{file: a.csv{spec}}}]\n", folder)
     return read_logs(config.train[0], config, joints)
-
-
-def test_a_recording_becomes_a_log(tmp_path):
-    reading = read(tmp_path, recording())
-    (log,) = reading.logs
-    assert (len(log), log.joints, log.source, reading.warnings) == (200, ("elbow",), "a", ())
-    np.testing.assert_allclose(log.t, np.arange(200) * 0.01)
-
-
-def test_channels_are_linear_maps_in_declared_units(tmp_path):
-    k = np.arange(100)
-    data = npz(ms=k, a=np.sin(0.1 * k), b=np.cos(0.1 * k), i=np.sin(k), kt=0.5)
-    written(tmp_path, "a.npz", data)
-    config = parse_config(
-        """
-        model: gallery:slider
-        time: {column: ms, unit: ms}
-        position: {slider: {sum: {a: 32, b: -4.5}, gain: 2, offset: 0.1, unit: mm}}
-        torque: {slider: {column: i, gain: kt, unit: kN}}
-        train: [{file: a.npz}]
-        """,
-        tmp_path,
-    )
-    (log,) = read_logs(config.train[0], config, (Joint("slider", "prismatic"),)).logs
-    np.testing.assert_allclose(log.t, k * 1e-3)
-    np.testing.assert_allclose(log.q[:, 0], 1e-3 * (2 * (32 * np.sin(0.1 * k) - 4.5 * np.cos(0.1 * k)) + 0.1))
-    np.testing.assert_allclose(log.tau[:, 0], 500 * np.sin(k))
 
 
 def test_bad_samples_outside_the_window_do_not_matter(tmp_path):
@@ -238,30 +209,3 @@ def test_samples_are_excluded_that_the_configuration_names(tmp_path):
 def test_a_window_in_which_nothing_is_to_be_excluded_is_a_warning(tmp_path):
     (warning,) = read(tmp_path, recording(), spec=", window: [0, 1], exclude: [1.2, 1.3]").warnings
     assert warning == "a: there is no sample to exclude in 1.2-1.3 s; what is used runs from 0 to 1 s."
-
-
-def test_a_recording_is_named_as_it_is_typed(monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    here, there = tmp_path / "logs" / "q.csv", tmp_path.parent / "tau.csv"
-    assert recording_argument(LogSpec.model_validate({"file": str(here)})) == str(Path("logs") / "q.csv")
-    both = LogSpec.model_validate({"file": {"q": str(here), "tau": str(there)}})
-    assert recording_argument(both) == f"q={Path('logs') / 'q.csv'},tau={there}"
-
-
-def test_a_recording_of_which_several_parts_are_used_is_read_once(tmp_path, monkeypatch):
-    written(tmp_path, "log.csv", "t,a,b\n" + "".join(f"{0.01 * k:.2f},{0.1 * k:.1f},{k}\n" for k in range(60)))
-    read = []
-    original = logs.read_columns
-    monkeypatch.setattr(logs, "read_columns", lambda path, *rest: read.append(path) or original(path, *rest))
-    text = """
-        model: arm.urdf
-        time: { column: t, unit: s }
-        position: { a: { column: a, unit: rad } }
-        torque: { a: { column: b, unit: N m } }
-        train: [{ file: log.csv, window: [0, 0.3] }, { file: log.csv, name: again, window: [0, 0.2] }]
-        validation: [{ file: log.csv, window: [0.3, 0.59] }]
-    """
-    config = parse_config(textwrap.dedent(text), tmp_path)
-    roles, _ = logs.read_with_findings(config, (Joint("a"),))
-    assert [len(value) for named in roles.values() for value in named.values()] == [31, 21, 30]
-    assert len(read) == 1

@@ -9,10 +9,9 @@ import polars as pl
 import pytest
 
 from dynident.models.lagrangian import pendulum
-from dynident.project import long_recordings
 from dynident.project import long_recordings as long_log
 from dynident.project.config import parse_config
-from dynident.project.long_recordings import BYTES_PER_SAMPLE, LongLog, is_long, long_logs, saves_memory
+from dynident.project.long_recordings import LongLog, long_logs
 from dynident.project.settings import Config
 from dynident.runtime import InputError
 
@@ -98,14 +97,6 @@ def test_windows_choose_rows(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("small")
-def test_excluded_samples_are_in_the_log_that_is_read(tmp_path: Path) -> None:
-    given = config(write(tmp_path, times()), more=", exclude: [2, 2.1]")
-    log, _ = opened(given).read(slice(150, 300))
-    assert log.excluded is not None
-    assert np.flatnonzero(log.excluded).tolist() == list(range(50, 61))
-
-
-@pytest.mark.usefixtures("small")
 def test_repeated_rows_are_left_out(tmp_path: Path) -> None:
     t = times()
     t[500] = t[499]
@@ -141,36 +132,6 @@ def test_times_that_do_not_go_on_are_refused(tmp_path: Path, change: tuple[slice
     t[change[0]] += change[1]
     with pytest.raises(InputError, match=words):
         opened(config(write(tmp_path, t)))
-
-
-def test_a_value_that_cannot_be_used_is_named_by_its_file_and_row(tmp_path: Path) -> None:
-    bad = np.sin(times())
-    bad[450] = np.nan
-    result = opened(config(write(tmp_path, times(), q=pl.Series(bad))))
-    with pytest.raises(InputError, match=r"1\.parquet: column 'q' is empty or NaN at row 151"):
-        result.read(slice(400, 500))
-    with pytest.raises(InputError, match=r"0\.parquet from row 251 on: column 'q' is empty or NaN at row 201"):
-        result.read(slice(250, 500))
-
-
-def test_what_is_long_depends_on_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    given = config(write(tmp_path, times()))
-    assert not is_long(given)
-    monkeypatch.setenv("DYNIDENT_MEMORY", "1e-4")
-    assert is_long(given)
-
-
-def test_pieces_save_memory_where_the_files_can_be_read_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    given = config(write(tmp_path, times()))
-    assert not saves_memory(given)
-    rows = sum(part.rows for part in opened(given).parts)
-    monkeypatch.setattr(long_recordings, "MAX_BYTES_AT_ONCE", rows * len(given.position) * BYTES_PER_SAMPLE - 1)
-    assert saves_memory(given)
-    assert not is_long(given)
-    other = given.train[0].model_copy(update={"file": {"": tmp_path / "night.csv"}, "name": "night"})
-    assert not saves_memory(given.model_copy(update={"train": (*given.train, other)}))
-    wrapping = {name: channel.model_copy(update={"wraps": True}) for name, channel in given.position.items()}
-    assert not saves_memory(given.model_copy(update={"position": wrapping}))
 
 
 def test_other_files_cannot_be_read_in_pieces(tmp_path: Path) -> None:

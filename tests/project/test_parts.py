@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from dynident.motion.smoothers import Butterworth, Difference, TimeShifted
+from dynident.motion.smoothers import Butterworth, Difference
 from dynident.project.parts import build
 from dynident.runtime import ConfigError
 from dynident.runtime.families import SMOOTHERS
@@ -34,19 +34,6 @@ def test_a_setting_of_the_type_of_a_part_holds_one(tmp_path, second):
     part = build(SMOOTHERS, settings, "smoother", tmp_path)
     assert (part.first, part.second) == (Butterworth(), second and Difference("central"))
     assert build(SMOOTHERS, json.loads(json.dumps(SMOOTHERS.describe(part))), "smoother", tmp_path) == part
-
-
-def test_a_class_of_a_file_is_described_and_built_again(tmp_path):
-    (tmp_path / "sg.py").write_text(SAVITZKY)
-    part = build(SMOOTHERS, {"kind": "sg.py:SavitzkyGolay", "width": "5e-2"}, "smoother", tmp_path)
-    assert (part.width, part.order) == (0.05, 4)
-    told = SMOOTHERS.describe(part)
-    assert told == {"kind": f"{tmp_path / 'sg.py'}:SavitzkyGolay", "width": 0.05, "order": 4}
-    assert build(SMOOTHERS, told, "smoother", tmp_path / "elsewhere") == part
-    shifted = TimeShifted(part, 0.01)
-    assert build(SMOOTHERS, SMOOTHERS.describe(shifted), "smoother", tmp_path) == shifted
-    with pytest.raises(ConfigError, match=r"smoother: .*is of a Python file, which a result does not run"):
-        build(SMOOTHERS, told, "smoother")
 
 
 LAB = """

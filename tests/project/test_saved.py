@@ -22,8 +22,6 @@ from dynident.models.lagrangian import slider, two_link_arm
 from dynident.models.simulation import RunsAway, record, simulate
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Spline, TimeShifted
-from dynident.project.config import read_config
-from dynident.project.logs import log_spec
 from dynident.project.project import run
 from dynident.project.result_format import result_schema
 from dynident.project.saved import load, read_log_like, save
@@ -130,17 +128,6 @@ def test_the_noise_of_whitened_rows_is_kept(tmp_path: Path) -> None:
     path.write_text(spoilt)
     with pytest.raises(ConfigError, match=r"result.json: estimate: .* noise of joint 1: .* is not stable"):
         load(path, model)
-
-
-def test_a_loaded_result_predicts_as_the_one_that_was_saved(made: Made, tmp_path: Path) -> None:
-    model, result = made
-    again = load(result.save(tmp_path / "result.json"), model)
-    log = result.validations[0].recorded_log
-    assert log is not None
-    np.testing.assert_array_equal(again.predict(log).predicted_torque, result.validations[0].predicted_torque)
-    with pytest.raises(InputError, match="not its signals"):
-        _ = again.validations[0].motion
-    assert all(np.isfinite(again.errors.std) == np.isfinite(result.errors.std))
 
 
 def test_numbers_that_are_not_finite_and_rare_nouns_are_kept(tmp_path: Path) -> None:
@@ -259,11 +246,6 @@ def test_a_result_with_any_value_anywhere_is_read_or_refused(made: Made, saved: 
         assert "r.json" in str(error)  # noqa: PT017
 
 
-def test_a_recording_is_named_by_the_keys_of_the_configuration(tmp_path: Path) -> None:
-    write_log(tmp_path)
-    assert log_spec("other.csv", read_config(configure(tmp_path))).label == "other"
-
-
 MARK = "from pathlib import Path\nPath(__file__).with_name('ran').touch()\n"
 CODE = {
     "model": ("from dynident.models.lagrangian import slider as A", {"model": "mine.py:A"}),
@@ -310,19 +292,6 @@ def test_a_result_runs_no_python_file_unless_it_is_allowed(
     assert not (tmp_path / "ran").exists()
     load(path, allow_code=True)
     assert (tmp_path / "ran").exists()
-
-
-def test_the_recordings_like_those_of_a_result_run_no_python_file(configured: Identification, tmp_path: Path) -> None:
-    write_log(tmp_path)
-    (tmp_path / "mine.py").write_text(MARK + CODE["smoother"][0])
-    given = configured.provenance.configuration
-    assert given is not None
-    config = configure(tmp_path, **CODE["smoother"][1])
-    named = replace(given, path=str(config), text=config.read_text())
-    bad = replace(configured, provenance=replace(configured.provenance, configuration=named))
-    with pytest.raises(ConfigError, match="is of a Python file"):
-        read_log_like(bad, str(tmp_path / "log.csv"))
-    assert not (tmp_path / "ran").exists()
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 100_000, "1e999", "null"])

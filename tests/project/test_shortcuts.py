@@ -16,7 +16,7 @@ import yaml
 import dynident as dy
 from dynident.identification import NotLogged
 from dynident.models.lagrangian import pendulum, slider
-from dynident.project.shortcuts import RecipeFields, default_recipe
+from dynident.project.shortcuts import RecipeFields
 from dynident.runtime import ConfigError, DynidentError, InputError, ModelError
 from tests.robots import ARM, joint, link, urdf
 
@@ -40,13 +40,6 @@ def file(tmp_path: Path) -> Path:
 
 
 class TestReadLog:
-    def test_columns_with_their_units_make_a_log_in_si(self, file: Path) -> None:
-        read = dy.read_log(file, time=("ms", "ms"), position=RAIL, torque=FORCE)
-        log = sliding()
-        assert (read.source, read.joints) == ("monday", ("slider",))
-        for name in ("t", "q", "tau"):
-            np.testing.assert_allclose(getattr(read, name), getattr(log, name), atol=1e-9)
-
     def test_a_window_a_name_a_rate_and_other_settings(self, file: Path) -> None:
         read = dy.read_log(
             file, time={"rate": 100}, position=RAIL, torque=FORCE, window=(2, 5), name="part", zero={"slider": 1.0}
@@ -95,13 +88,6 @@ class TestReadLog:
 
 
 class TestReadRobot:
-    def test_settings_are_those_of_the_configuration(self, tmp_path: Path) -> None:
-        (tmp_path / "arm.urdf").write_text(ARM)
-        robot = dy.read_robot(tmp_path / "arm.urdf", joints=["shoulder"], terms=["viscous"], gravity=(0, 0, 0))
-        assert [joint.name for joint in robot.joints] == ["shoulder"]
-        assert len(robot.names) == 11
-        assert len(dy.read_robot(tmp_path / "arm.urdf").names) == 3 * 14
-
     def test_mistakes_are_named(self, tmp_path: Path) -> None:
         (tmp_path / "arm.urdf").write_text(ARM)
         with pytest.raises(ConfigError, match="read_robot: unknown key 'gravty'; did you mean 'gravity'"):
@@ -115,12 +101,6 @@ class TestReadRobot:
 
 
 class TestIdentify:
-    def test_one_log_several_and_named_ones_are_the_same(self) -> None:
-        method, log = dy.Recipe(dy.Difference("central")), sliding()
-        values = [dy.identify("gallery:slider", logs, recipe=method) for logs in (log, [log], {"monday": log})]
-        assert [[validation.name for validation in value.validations] for value in values] == [["monday"]] * 3
-        assert values[0].estimate.value[0] == pytest.approx(5.0, rel=0.05)
-
     def test_keywords_replace_fields_of_the_recipe(self) -> None:
         recipe = dy.Recipe(dy.Difference(), min_speed=0.1)
         result = dy.identify("gallery:slider", sliding(), recipe=recipe, smoother=dy.Difference("central"))
@@ -171,12 +151,6 @@ class TestIdentify:
         motion = dy.simulate(arm, arm.values, lambda _: [0.1, 0.0], [0.0, 0.1, 0.2])
         with pytest.raises(InputError, match="is a Recording, not a Log; give its `log`"):
             dy.identify(arm, {"monday": dy.record(motion, 0.0, 0.0, np.random.default_rng(0))})
-
-    def test_bodies_are_fitted_physically_consistent(self) -> None:
-        bodies = dy.Model((dy.RigidBodies(ARM),))
-        assert default_recipe(bodies).estimator == dy.PhysicallyConsistent()
-        assert default_recipe(dy.two_link_arm()).estimator == dy.LeastSquares()
-        assert default_recipe(bodies).time_offset == "estimate"
 
 
 def test_a_check_finds_what_is_wrong_before_a_fit() -> None:

@@ -10,8 +10,7 @@ import pytest
 
 from dynident.models import Joint
 from dynident.project.config import parse_config
-from dynident.project.logs import read_logs, read_recording
-from dynident.project.settings import LogSpec
+from dynident.project.logs import read_logs
 from dynident.project.signals import unwrap
 from dynident.runtime import ConfigError, InputError
 
@@ -38,12 +37,6 @@ def test_dates_are_in_seconds_and_no_other_unit(tmp_path):
     np.testing.assert_allclose(log.t - log.t[0], np.arange(101) * 0.01, atol=1e-9)
     with pytest.raises(ConfigError, match=r"time\.unit: 'ms', but column 't' of .* holds dates, times or durations"):
         dated(tmp_path, "ms")
-
-
-def test_dates_of_one_file_among_several_are_in_seconds(tmp_path):
-    dated(tmp_path, "s")
-    table = read_recording(LogSpec(file={"a": tmp_path / "a.parquet", "b": tmp_path / "a.parquet"}))
-    assert dict(table.units) == {"a.t": "s", "b.t": "s"}
 
 
 def test_episodes_in_one_file_are_named_where_the_time_runs_back(tmp_path):

@@ -2,44 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from dynident.checks import ChannelFacts, CheckResult, ExcitedRank, RobotJointFacts, log_notes
+from dynident.checks import CheckResult, RobotJointFacts, log_notes
 from dynident.checks.robot import LinkFacts
-from dynident.identification import TimeOffset
 from dynident.models.robot_files import RobotJointLimits
-from dynident.regression import UnexcitedParameters
-from dynident.report.check import check_dict, check_summary, check_tables
-from dynident.runtime import ConfigRemark, Finding, Remark, Severity
+from dynident.report.check import check_tables
+from dynident.runtime import ConfigRemark, Finding, Remark
 
 
 def rows(*findings: Finding) -> dict[str, list[tuple[str, ...]]]:
     return {table.caption: list(table.rows) for table in check_tables(CheckResult(findings))}
 
 
-def test_like_findings_are_one_row() -> None:
-    made = [Finding(Remark("coarse."), joint, source=log) for log in ("one", "two") for joint in ("a", "b")]
-    assert rows(*made) == {"Warnings": [("one: a", "coarse. Likewise b. Also in two.")]}
-    assert check_summary(CheckResult(tuple(made))) == "1 warning."
-
-
 def test_a_mistake_in_the_configuration_comes_before_what_may_follow_from_it() -> None:
     made = [Finding(log_notes.PerhapsRadians(0.1, 60.0, 5.0)), Finding(ConfigRemark("twice."), source="robot.yaml")]
     assert rows(*made[::-1])["Warnings"][0] == ("robot.yaml", "twice.")
     assert rows(Finding(Remark("coarse.")), made[1])["Warnings"][0] == ("robot.yaml", "twice.")
-
-
-def test_what_the_figures_of_channels_leave_out_is_said() -> None:
-    fact = ChannelFacts("a", 1.0, 1e-4, 1e-5, 0.0, 0.0, 3.0, 0.1, 0.01)
-    for changes, said in (
-        ({}, ""),
-        ({"torque_left_out": 20}, "; without 20 torques that the fit leaves out"),
-        ({"left_out": 3, "torque_left_out": 2}, "; without 3 positions and 2 torques that the fit leaves out"),
-    ):
-        (table,) = check_tables(CheckResult((), channels={"one": (replace(fact, **changes),)}))
-        assert table.caption == f"Channels of one, SI{said}"
 
 
 def test_the_type_of_a_joint_is_that_of_its_limits() -> None:
@@ -97,35 +76,3 @@ def test_spikes_that_are_too_many_are_not_like_a_few() -> None:
         for joint, kind in (("a", log_notes.PositionSpikes), ("b", log_notes.ManyPositionSpikes))
     ]
     assert [x[0] for x in rows(*made)["Warnings"]] == ["one: b", "one: a"]  # what forbids a use comes first
-
-
-def test_several_statements_on_one_place_stay_apart() -> None:
-    made = [Finding(UnexcitedParameters((name,), ("a",))) for name in ("Fv_a", "Fc_a")]
-    assert rows(*made) == {"Warnings": [("", str(x.message)) for x in made]}
-
-
-def test_the_most_severe_first_and_counted() -> None:
-    result = CheckResult(
-        (
-            Finding(Remark("torn."), source="one", severity=Severity.ERROR),
-            Finding(Remark("so."), source="one", severity=Severity.INFO),
-        )
-    )
-    assert list(rows(*result.findings)) == ["Errors", "Good to know"]
-    assert result.has_errors
-    assert check_summary(result) == "1 error."
-    assert check_summary(CheckResult(())) == "No errors and no warnings."
-
-
-def test_a_check_says_the_same_as_a_dictionary_and_as_a_table() -> None:
-    time_offset, missing = TimeOffset(0.005, 4.0, 2.0), UnexcitedParameters(("Fv_b",), ("b",))
-    findings = (Finding(missing), Finding(time_offset, severity=Severity.INFO))
-    result = CheckResult(findings, rank=ExcitedRank(3, 2, 3, 10.0, (missing,)))
-    shown = [x["message"] for x in check_dict(result)["findings"]]
-    assert (
-        shown == [row[1] for table in check_tables(result) for row in table.rows] == [str(missing), f"{time_offset}."]
-    )
-    told = check_dict(result)
-    assert told["rank"]["missing"][0]["words"] == shown[0]
-    assert [type(told["findings"][0][key]) for key in ("severity", "topic")] == [str, str]
-    assert check_dict(CheckResult(()))["rank"] is None

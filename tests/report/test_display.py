@@ -35,15 +35,6 @@ def saved(example: dy.Identification) -> dy.Identification:
     return replace(example, validations=tuple(replace(validation, signals=None) for validation in example.validations))
 
 
-def test_a_terminal_shows_verdict_errors_and_parameters(example: dy.Identification) -> None:
-    first, training, held_out, parameters = repr(example).splitlines()
-    assert first.startswith("<Identification of 'slider': good for ")
-    assert training.startswith("  Torque error, training: monday 0.")
-    assert held_out.startswith("  Torque error, held out: tuesday 0.")
-    assert parameters.startswith("  M = 4.999 +- 0.0008")
-    assert parameters.endswith(" and 1 more>")
-
-
 def test_a_plot_lists_its_figures(example: dy.Identification) -> None:
     figures = [name for name in dir(example.plot) if not name.startswith("_") and name != "identification"]
     assert sorted(figures) == sorted(re.findall(r"(\w+)\((?!file)", repr(example.plot)))
@@ -61,12 +52,6 @@ def test_what_forbids_its_use_is_said_first() -> None:
         "<Identification of 'slider': do not use",
         "  no log was held out, so the error on unseen motion is not known",
     ]
-
-
-def test_parameters_that_the_data_determine_come_first(example: dy.Identification) -> None:
-    std = np.array([np.inf, *example.errors.std[1:]])
-    unsure = replace(example, errors=replace(example.errors, std=std))
-    assert repr(unsure).splitlines()[-1].startswith("  Fv = 7.999 ")
 
 
 def test_a_notebook_shows_tables_and_no_markup_of_names(example: dy.Identification) -> None:

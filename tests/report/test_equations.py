@@ -1,15 +1,14 @@
 """The section on the model: laws in symbols and with values, for any terms, with names escaped."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from dynident.estimators import Provenance
 from dynident.models import CoupledFriction, CoupledMotor, Joint, Model, RigidBodies, RotorInertia
-from dynident.models.friction import Coulomb, Stribeck, Viscous, WideCoulomb
+from dynident.models.friction import Coulomb, Stribeck, Viscous
 from dynident.models.lagrangian import pendulum, slider, two_link_arm
 from dynident.report.equations import SUMMAND_ORDER, model_section, term_words, with_formulas
 from dynident.report.page import MEANING, Column, PageSection, PageTable, render
@@ -47,15 +46,6 @@ def test_a_law_that_all_joints_have_stands_once():
     assert "the sign, 0 up to d c" in seen(found(Model((Coulomb(JOINTS, dead_band=0.02),))))
 
 
-def test_what_is_not_determined_stays_a_symbol():
-    model = Model((Viscous(JOINTS), Coulomb(JOINTS)))
-    assert "base τ = F v q ˙ + 3.00 sgn ( q ˙ )" in seen(found(model, std=[np.inf, 1.0, 1.0, 1.0]))
-    by = (Provenance.UNIDENTIFIABLE, Provenance.PRIOR, Provenance.BOUND, Provenance.DATA)
-    text = seen(found(model, std=[np.inf] * 4, provenance=by))
-    assert "base τ = F v q ˙ + 3.00 sgn" in text
-    assert "rail τ = 2.00 q ˙ + 4.00 sgn" in text
-
-
 def test_bodies_motors_and_terms_of_the_user():
     @dataclass(frozen=True)
     class Damped(Viscous):
@@ -80,19 +70,6 @@ def test_energies_are_written_out_where_they_are_short():
     assert "joint2 τ b = θ 2 ( q ¨ 1 + q ¨ 2 ) + θ 3 (" in text
     assert "sin 2 ( q" not in text
     assert "pivot τ = J q ¨ + h 9.81 sin ( q )" in seen(found(pendulum()))
-
-
-def test_a_mass_on_a_rail_is_called_so():
-    text = seen(found(slider()))
-    assert "slider τ = M q ¨ + F v q ˙ + F c sgn ( q ˙ ) + τ o" in text
-    assert "M mass, with that of the rotor (kg)" in text
-
-
-def test_terms_of_the_same_kind_are_told_apart_by_primes():
-    text = seen(
-        found(Model((WideCoulomb(JOINTS, width=0.1), replace(WideCoulomb(JOINTS, width=0.5), names=("a1", "b1")))))
-    )
-    assert "F w tanh ( q ˙ / w w ) + F w ′ tanh ( q ˙ / w w ′ )" in text
 
 
 def test_what_is_zero_is_left_out_of_the_numbers():

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from dynident.apps.article import figures as study_figures
-from dynident.models import Parameter
 from dynident.motion.log import Log, Motion
 from dynident.report import figures as canvas
 from dynident.report.identification import figures as drawings
@@ -38,13 +37,6 @@ def motion(mask=None, n=400, spike=None, joints=("joint1", "joint2")):
 
 def validation(held):
     return SimpleNamespace(motion=held, predicted_torque=held.tau + 0.25)
-
-
-@pytest.mark.parametrize(
-    ("start", "zero"), [(5.0, 0.0), (-5.0, 0.0), (999.0, 0.0), (1001.5, 1001.0), (-1001.5, -1002.0)]
-)
-def test_stamps_far_from_zero_count_from_the_first(start: float, zero: float) -> None:
-    assert canvas.time_origin(start + np.linspace(0.0, 10.0, 5)) == zero
 
 
 def study(estimates, levels=(1e-6,), methods=("raw",)):
@@ -85,30 +77,6 @@ def test_thin_leaves_short_curves_alone_and_rejects_too_few_points():
     assert np.isnan(figures.thin(t, np.full(50, np.nan), 8)[1]).all()
 
 
-@pytest.mark.parametrize(
-    ("value", "text"), [(1e-8, "1e-8"), (1e-4, "1e-4"), (2.5e-7, "2.5e-7"), (4.47e-10, "4.47e-10")]
-)
-def test_noise_levels_are_worded_without_padding(value, text):
-    assert figures.scientific(value) == text
-
-
-def test_trace_figure_has_the_colours_of_the_article():
-    test_motion = motion(lambda t: t >= 1.75)
-    traces = {"simulated": motion(), "spline": motion(), "filtered": test_motion, "raw": motion(), "kalman": motion()}
-    figure = figures.trace_figure(traces, 1, "ddq")
-    looks = {trace.name: (trace.line.color, trace.line.dash, trace.visible) for trace in figure.data}
-    assert looks["simulated"] == (canvas.BLUE, None, True)
-    assert looks["smoothing splines"] == (canvas.RED, None, True)
-    assert looks["filtered differences"] == (canvas.INK, "dash", True)
-    assert looks["filtered differences, clipped"] == (canvas.GREEN, "dash", None)
-    assert looks["raw differences"][2] == "legendonly"
-    assert looks["kalman"][0] in canvas.EXTRA_COLOURS
-    kept, clipped = (next(t for t in figure.data if t.name.endswith(end)).y for end in ("differences", "clipped"))
-    np.testing.assert_array_equal(np.isnan(figure.data[3].y), ~test_motion.mask)
-    np.testing.assert_array_equal(np.isnan(clipped), test_motion.mask)
-    assert len(kept) == len(clipped)
-
-
 def test_trace_figure_ranges_over_what_every_method_may_use():
     """A distortion before the clipped part, or in the raw differences, does not flatten the rest."""
     wild = motion(lambda t: t >= 1.75, spike=10)
@@ -130,26 +98,10 @@ def test_spread_figure_of_many_runs_keeps_quartiles_and_extremes():
     np.testing.assert_allclose(np.quantile(values, QUARTILES), np.quantile(many[:, 0], QUARTILES), rtol=1e-5)
 
 
-def test_spread_figure_leaves_out_cases_without_an_estimate():
-    assert len(figures.spread_figure(study(np.empty((0, 2)))).data) == 0
-
-
 def test_torque_figure_keeps_a_spike_of_one_sample():
     figure = figures.torque_figure(validation(motion(n=60_000, spike=12_345)), "joint1", points=300)
     assert max(len(trace.y) for trace in figure.data) <= 300
     assert np.nanmax(figure.data[0].y) == 50.0
-
-
-def test_times_are_not_merged_by_single_precision():
-    long = motion(n=3000)
-    test_motion = Motion(long.t / 1000 + 1.7e9, long.q, long.dq, long.ddq, long.tau, long.joints, long.mask)
-    assert (np.diff(figures.motion_figure(test_motion, "joint1").data[0].x) > 0).all()
-    assert figures.motion_figure(long, "joint1").data[0].x.dtype == np.float32
-
-
-@pytest.mark.parametrize(("unit", "word"), [("N m", "torque, N m"), ("N", "force, N")])
-def test_torque_figure_names_the_unit(unit, word):
-    assert figures.torque_figure(validation(motion()), "joint1", unit).layout.yaxis.title.text == word
 
 
 def test_figures_name_the_joints_to_choose_from():
@@ -164,35 +116,6 @@ def intervals(std, units=("kg", "kg", "N m"), true=(), names=("a", "b", "c")):
     return figures.interval_figure(names, units, np.array([1.0, -2.0, 3.0]), np.array(std), true)
 
 
-def test_interval_figure_has_error_bars_and_marks_what_is_not_determined():
-    figure = intervals([0.1, np.inf, 0.0], true=(1.05, -2.0, None))
-    bars, true = figure.data
-    assert list(figure.layout.yaxis.ticktext) == ["a", "b", "c"]
-    assert list(bars.marker.symbol) == ["circle", "circle-open", "circle"]
-    np.testing.assert_allclose(bars.error_x.array, [19.59964, 0.0, 0.0])
-    assert bars.text[0] == "a: 1 ± 0.2 kg"
-    assert list(true.y) == [0]
-    assert true.x[0] == pytest.approx(5.0)
-    assert figure.layout.xaxis.range[1] == pytest.approx(1.2 * 19.59964)
-
-
-def test_interval_figure_holds_a_hundred_parameters_and_only_undetermined_ones():
-    names = [f"a long name of a base parameter, {k}" for k in range(100)]
-    figure = figures.interval_figure(names, ["kg"] * 100, np.zeros(100), np.full(100, np.inf))
-    assert figure.layout.height > 1500
-    assert set(figure.data[0].marker.symbol) == {"circle-open"}
-    assert list(figure.layout.yaxis.range) == [99.5, -0.5]
-    assert max(map(len, figure.layout.yaxis.ticktext)) < 35
-    assert figure.data[0].text[99].startswith(names[99])
-
-
-def test_nominal_values_are_not_called_true():
-    parameters = (Parameter("a", "kg", value=1.0),)
-    assert not figures.has_nominal_values(SimpleNamespace(parameters=parameters))
-    parameters = (replace(parameters[0], body="link"),)
-    assert figures.has_nominal_values(SimpleNamespace(parameters=parameters))
-
-
 def test_names_cannot_carry_tags_into_a_figure():
     figure = intervals([1, 1, 1], ("<b>kg", "m", "m"), names=("<a href='x'>", "b", "c"))
     assert figure.layout.yaxis.ticktext[0] == "&lt;a href='x'&gt;"
@@ -202,21 +125,6 @@ def test_names_cannot_carry_tags_into_a_figure():
     log = SimpleNamespace(name="<b>", role="train", errors=SimpleNamespace(per_joint={"<i>": 1.0}))
     bar = figures.error_figure([log], ["<i>"]).data[0]
     assert (bar.name, bar.y[0]) == ("&lt;b&gt; (training)", "&lt;i&gt;")
-
-
-def test_error_figure_has_a_bar_for_each_log_and_joint():
-    errors = SimpleNamespace(per_joint={"x": 1.0, "y": 2.0})
-    roles = {"a": "train", "b": "validation", "c": "validation"}
-    logs = [SimpleNamespace(name=name, role=role, errors=errors) for name, role in roles.items()]
-    bars = figures.error_figure(logs, ["x", "y"]).data
-    assert [tuple(bar.x) for bar in bars] == [(1.0, 2.0)] * 3
-    assert [bar.marker.color for bar in bars] == [canvas.PALE, canvas.BLUE, canvas.GREEN]
-
-
-def test_singular_figure_parts_what_the_data_show_from_the_rest():
-    seen, rest = figures.singular_figure(SimpleNamespace(rank=2, singular_values=np.array([4.0, 2.0, 1e-16, 0.0]))).data
-    assert list(seen.y) == [1.0, 0.5]
-    assert list(rest.x) == [3]  # a zero has no place on a logarithmic axis
 
 
 @pytest.mark.parametrize("time_offset", [0.0, 0.07])
@@ -265,19 +173,6 @@ def test_stamps_far_from_zero_are_counted_from_the_first():
         figure = figures.torque_figure(validation(case), "joint1")
         np.testing.assert_allclose(figure.data[0].x, case.t - zero, atol=1e-5)
         assert figure.layout.xaxis2.title.text == title
-
-
-def test_points_are_shared_among_curves():
-    assert figures.points_per_curve(1) == 4000
-    assert figures.points_per_curve(150) * 150 <= 200_000
-    assert figures.points_per_curve(100_000) == 100
-
-
-def test_figures_are_transparent_small_and_valid_json():
-    figure = figures.torque_figure(validation(motion(n=5000)), "joint1")
-    text = figure.to_json()
-    assert json.loads(text)["layout"]["template"]["layout"]["paper_bgcolor"] == "rgba(0, 0, 0, 0)"
-    assert len(text) < 120_000
 
 
 def test_a_drawing_is_written_as_plotly_writes_its_figure():

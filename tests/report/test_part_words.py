@@ -24,7 +24,7 @@ from dynident.motion.smoothers import (
 )
 from dynident.motion.splines import GCV, REML, Constraint, Fixed, Interpolation
 from dynident.regression import ParallelFilter
-from dynident.runtime import part_text, setting_text
+from dynident.runtime import part_text
 from dynident.runtime.families import ESTIMATORS, SMOOTHERS
 from tests.kept import check_kept
 
@@ -62,9 +62,3 @@ def test_no_part_of_the_package_is_a_repr():
             part = cls(Spline(), 0.1) if cls is TimeShifted else cls()
             assert "(" not in part_text(part)
             assert not any(f"{field.name}=" in part_text(part) for field in fields(part))
-
-
-def test_values():
-    assert setting_text({"a": (None, 0.5)}) == "(a (none, 0.5))"
-    assert setting_text(list(range(12))) == "(0, 1, 2, 3, 4, 5, 6, 7, ...)"
-    assert setting_text(Own()) == "Own"

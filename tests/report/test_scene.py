@@ -5,18 +5,9 @@ from base64 import b64decode
 
 import numpy as np
 
-from dynident.models import Mesh, Solid, solid_surface
+from dynident.models import Solid, solid_surface
 from dynident.models.robot_files import ShapeKind
-from dynident.report.scene import (
-    Ellipsoid,
-    Layer,
-    MovingTrace,
-    Replay,
-    ellipsoid_circles,
-    scene_figure,
-    solid,
-    solid_ellipsoids,
-)
+from dynident.report.scene import Ellipsoid, MovingTrace, Replay, scene_figure, solid, solid_ellipsoids
 from tests.report.robots import tree
 
 BODIES = tree()
@@ -62,24 +53,6 @@ def test_bodies_follow_each_other_as_those_of_the_robot_do() -> None:
     np.testing.assert_allclose(first, placed.points([1] * 8, CUBE.vertices)[0], atol=1e-6)
 
 
-def test_the_view_holds_all_that_moves_at_all_times() -> None:
-    mesh = Mesh(0.1 * CUBE.vertices + np.array([0.0, 0, 0.2]), CUBE.triangles)
-    last = len(BODIES.arm.bodies) - 1
-    moving = MovingTrace(solid("b", mesh, "#000000"), mesh.vertices, np.full(8, last))
-    hidden = MovingTrace(solid("b", mesh, "#000000", visible=False), 100 * mesh.vertices, np.full(8, last))
-    layers = [Layer("more", (1,), (0,))]
-    figure = scene_figure(BODIES, [Replay("", 0.0, 1.0, Q)], [moving, hidden], [], layers)
-    points = BODIES.placements(Q).points([last] * 8, mesh.vertices).reshape(-1, 3)
-    for axis, low, high in zip("xyz", points.min(axis=0), points.max(axis=0), strict=True):
-        start, stop = figure.layout["scene"][f"{axis}axis"]["range"]
-        assert start < low
-        assert stop > high
-        assert stop - start < 20
-    assert figure.motion["layers"] == [{"name": "more", "shown": (1,), "faded": (0,)}]
-    unshown = scene_figure(BODIES, [Replay("", 0.0, 1.0, Q)], [hidden], [], layers)  # a layer may show it later
-    assert np.isfinite([unshown.layout["scene"][f"{axis}axis"]["range"] for axis in "xyz"]).all()
-
-
 TURNED = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 ONE = Ellipsoid(2, np.array([1.0, 2, 3]), np.array([0.3, 0.2, 0.1]), TURNED, "#0072b2")
 ROD = Ellipsoid(0, np.zeros(3), np.array([0.5, 0.0, 0.0]), np.eye(3), "#e69f00")
@@ -101,14 +74,3 @@ def test_an_ellipsoid_is_where_its_axes_are_and_looks_outwards() -> None:
     assert len(result.trace["facecolor"]) == len(faces)
     assert result.trace["facecolor"][0] == "#0072b2"
     assert result.trace["facecolor"][-1] == "#e69f00"
-
-
-def test_circles_lie_on_the_ellipsoid_with_gaps_between() -> None:
-    result = ellipsoid_circles([ONE], "file")
-    gaps = np.isnan(result.points).all(axis=1)
-    assert gaps.sum() == 3
-    np.testing.assert_allclose(level(result.points[~gaps]), 1.0)
-
-
-def test_a_rod_is_still_seen() -> None:
-    assert np.ptp(solid_ellipsoids([ROD], "found").points, axis=0).min() > 0

@@ -2,20 +2,9 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
 import pytest
 
-from dynident.runtime import (
-    GIGABYTE,
-    MEMORY_VARIABLE,
-    BudgetedFunction,
-    ConfigError,
-    budget_scope,
-    format_bytes,
-    memory_budget,
-    set_budget,
-)
+from dynident.runtime import GIGABYTE, MEMORY_VARIABLE, ConfigError, budget_scope, memory_budget, set_budget
 
 
 def test_what_is_given_holds_inside_and_comes_before_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -34,16 +23,3 @@ def test_what_is_given_holds_inside_and_comes_before_the_environment(monkeypatch
         monkeypatch.setenv(MEMORY_VARIABLE, wrong)
         with pytest.raises(ConfigError, match=f"DYNIDENT_MEMORY is '{wrong}'; give a positive number of GB"):
             memory_budget()
-
-
-def test_another_thread_has_it_by_the_function_that_it_is_given() -> None:
-    with budget_scope(), ThreadPoolExecutor(1) as thread:
-        usual = memory_budget()
-        set_budget(2.5)
-        assert thread.submit(memory_budget).result() == usual
-        assert thread.submit(BudgetedFunction(memory_budget)).result() == 2.5 * GIGABYTE
-        assert thread.submit(memory_budget).result() == usual
-
-
-def test_amounts_in_words() -> None:
-    assert [format_bytes(x) for x in (2e6, 99e6, 0.1e9, 4.2e9)] == ["2 MB", "99 MB", "0.1 GB", "4.2 GB"]

@@ -51,9 +51,8 @@ from dynident.motion.smoothers import (
 )
 from dynident.motion.splines import Constraint, Fixed
 from dynident.project.parts import build, schemas, unusable
-from dynident.project.settings import Config
 from dynident.runtime import ConfigError
-from dynident.runtime.families import ESTIMATORS, EXPORTERS, SMOOTHERS, TERMS
+from dynident.runtime.families import ESTIMATORS, SMOOTHERS, TERMS
 from tests.project.parts import SAVITZKY
 
 JOINTS = (Joint("a"), Joint("b", "prismatic"))
@@ -128,27 +127,6 @@ def test_a_described_term_builds_itself(part):
 
 def test_every_term_is_tried_here():
     assert {TERMS.kind_of(part) for part in ON_JOINTS} == set(TERMS.table)
-
-
-@pytest.mark.parametrize("family", [SMOOTHERS, TERMS, ESTIMATORS], ids=lambda x: x.name)
-def test_schemas_list_every_kind_with_its_settings(family):
-    made = json.loads(json.dumps(schemas(family)))
-    assert tuple(made) == family.kinds()
-    for kind, schema in made.items():
-        assert "kind" in schema["required"], kind
-    if family is SMOOTHERS:
-        assert made["spline"]["properties"]["rule"]["enum"][-1] == "torque"
-        assert made["butterworth"]["properties"]["cutoffs"]["maxItems"] == 3
-
-
-def test_the_schema_of_a_configuration_lists_every_kind():
-    made = json.dumps(Config.model_json_schema())
-    for kind in (*SMOOTHERS.table, *ESTIMATORS.table, *TERMS.table):
-        assert f'{{"const": "{kind}"}}' in made
-
-
-def test_a_format_is_called_as_its_kind():
-    assert {kind: EXPORTERS.get(kind)().format for kind in EXPORTERS.table} == {x: x for x in EXPORTERS.table}
 
 
 def test_a_value_without_a_plain_form_is_refused():

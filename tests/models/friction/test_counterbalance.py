@@ -30,11 +30,6 @@ def test_the_torque_is_the_slope_of_the_potential():
     np.testing.assert_allclose(column(counterbalance(), q), slope, atol=1e-10)
 
 
-def test_a_spring_without_free_length_balances_a_weight_everywhere():
-    q = np.linspace(-3, 3, 40)
-    np.testing.assert_allclose(column(counterbalance(free_length=0), q), 0.1 * np.sin(q + 0.7), atol=1e-15)
-
-
 def test_equal_arms_that_meet_give_no_torque():
     term, q = counterbalance(link_arm=0.5, angle=0.0), np.zeros(1)
     assert column(term, q) == 0.0

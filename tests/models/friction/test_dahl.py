@@ -40,12 +40,3 @@ def test_it_depends_on_the_path_alone_where_no_joint_reverses():
     ]
     np.testing.assert_allclose(result[0], result[1], rtol=1e-12)
     np.testing.assert_allclose(result[0], 1.0 - np.exp(-1.0 / 0.2), rtol=1e-12)
-
-
-def test_it_is_bounded_and_tends_to_the_sign_of_the_velocity():
-    t = np.linspace(0.0, 6.0, 6001)
-    result, dq = remembered(t, length={"a": 1e-5, "b": 0.5}), sines(t)[1]
-    assert np.abs(result).max() <= 1.0
-    fast = (np.abs(dq[:, 0]) > 0.1) & (t > 0.01)
-    np.testing.assert_allclose(result[fast, 0], np.sign(dq[fast, 0]), atol=1e-9)
-    assert np.abs(result[:, 1]).max() < 0.8, "a long one does not slide"

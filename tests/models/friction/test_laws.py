@@ -76,33 +76,9 @@ def test_a_delay_is_that_of_the_torque_in_time():
     assert np.abs(test_regressor - none.regressor(q, dq, 0 * q)).max() > 0.2
 
 
-@pytest.mark.parametrize(
-    ("term", "words"),
-    [
-        (Coulomb(JOINTS, width=0.5), ["Coulomb friction: torque per tanh(dq/0.5)"] * 3),
-        (
-            Coulomb(JOINTS, **BY_JOINT),
-            [f"Coulomb friction: torque per {x}" for x in
-             ("tanh(dq/0.5)", "sign(dq), 0 within abs(dq) <= 3", "sign(dq)")],
-        ),
-        (
-            Spring(JOINTS[:2]),
-            [f"spring: torque per {x}" for x in ("sin(q)", "cos(q)", "q")],
-        ),
-    ],
-)  # fmt: skip
-def test_meanings_are_those_of_each_joint(term, words):
-    assert [parameter.expression for parameter in term.parameters] == words
-
-
 def test_cycles_that_are_listed_twice_are_named():
     with pytest.raises(ModelError, match="cycles of joint 'wrist' list 40 twice"):
         Ripple(JOINTS[::2], cycles={"base": (40, 80), "wrist": (20, 40, 40)})
-
-
-def test_names_expressions_and_values_can_be_given():
-    (parameter,) = Viscous(JOINTS, on=("rail",), names=("mu",), expressions=("mu1",), values=(0.6,)).parameters
-    assert (parameter.name, parameter.expression, parameter.value) == ("mu", "mu1", 0.6)
 
 
 def test_a_narrow_smooth_sign_does_not_overflow():
@@ -162,13 +138,6 @@ def test_a_term_without_a_law_says_what_it_lacks():
         regressor(Mute(JOINTS))
 
 
-def test_there_is_one_for_each_joint():
-    first, second = Viscous(PAIR, names=("x", "y")).equations
-    assert (first.on, first.parameters) == ((("a", 1.0),), ("x",))
-    assert (second.on, second.parameters) == ((("b", 1.0),), ("y",))
-    assert [equation.on[0][0] for equation in Offset(PAIR, on=("b",)).equations] == ["b"]
-
-
 def test_a_subclass_with_another_law_has_another_one():
     class Cubic(Viscous):
         law = "dq**3"
@@ -179,9 +148,3 @@ def test_a_subclass_with_another_law_has_another_one():
 
     assert Cubic(PAIR).equations[0].torque == "F_v * dq**3"
     assert Twice(PAIR).equations == ()
-
-
-@pytest.mark.parametrize("exponent", [0.0, 3.1])
-def test_an_exponent_is_above_zero_and_at_most_three(exponent: float) -> None:
-    with pytest.raises(ModelError, match="exponent above 0, at most 3"):
-        Power(JOINTS, exponent=exponent)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from dynident.models import RigidBodies, from_physical
-from dynident.runtime import ModelError
 
 BALL = from_physical(1000 * 4 / 3 * np.pi * 0.1**3, [-0.1, 0, 0], 4 * 4 / 3 * np.pi * 0.1**3 * np.eye(3))
 GIVEN = '<inertial mass="2" pos="0.1 0.2 0.3" diaginertia="0.1 0.2 0.15" quat="0 1 0 0"/>'
@@ -59,26 +58,3 @@ def test_a_body_has_the_inertia_of_the_compiled_model(geoms: str, compiler: str,
 )
 def test_what_missing_meshes_weigh_is_not_known(geoms: str, compiler: str) -> None:
     assert np.isnan(theta(geoms, compiler)).all()
-
-
-def test_a_mesh_in_the_file_is_weighed() -> None:
-    """A tetrahedron with legs of 1 m."""
-    inline = body('<geom type="mesh" mesh="legs"/>').replace(
-        "<mesh ", '<mesh name="legs" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/><mesh '
-    )
-    mass, *moment = [parameter.value for parameter in RigidBodies(inline).parameters[:4]]
-    assert mass == pytest.approx(1000 / 6, rel=1e-6)
-    assert moment == pytest.approx([mass * 0.15, mass * 0.25, mass * 0.25], rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("geoms", "message"),
-    [
-        ('<geom name="g" type="cube" size="1"/>', "invalid keyword: 'cube', Element 'geom'; correct the file"),
-        ('<geom name="g" size="-1"/>', "size 0 must be positive in geom, Element name 'g'"),
-        ('<geom type="capsule" size="1" fromto="0 0 0 0 0 0"/>', "fromto"),
-    ],
-)
-def test_impossible_shapes(geoms: str, message: str) -> None:
-    with pytest.raises(ModelError, match=message):
-        theta(geoms)

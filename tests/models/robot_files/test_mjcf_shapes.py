@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 import dynident as dy
-from dynident.models.geometry import link_places
 from dynident.models.robot_files import ShapeKind
-from dynident.runtime import ModelError
 
 MODEL = """<mujoco><compiler angle="radian" meshdir="../assets"/>
 <default><mesh scale="0.001 0.001 0.001"/><default class="seen"><geom contype="0" conaffinity="0"/></default></default>
@@ -44,20 +42,6 @@ def test_shapes_of_bodies_are_in_the_frames_of_the_links() -> None:
     assert shell.frame[:3, 3] == pytest.approx([0.4, 0, 0])
 
 
-def test_the_shapes_stand_in_the_world_where_mujoco_has_them() -> None:
-    bodies = dy.RigidBodies(MODEL)
-    places = {link_place.link: link_place for link_place in link_places(bodies)}
-    assert [places[name].body for name in ("world", "body 1", "tip")] == [-1, 0, 0]
-    tip = places["tip"].frame @ bodies.shapes["tip"].collision[0].frame
-    placed = bodies.placements(np.zeros((1, 1)))
-    assert placed.points([0], tip[None, :3, 3])[0, 0] == pytest.approx([0, 0, 2])
-
-
 def test_paths_are_stripped_where_the_compiler_says_so() -> None:
     shapes = dy.RigidBodies(MODEL.replace("<compiler", '<compiler strippath="true"')).shapes
     assert shapes["body 1"].visual[0].file == "../assets/shell.stl"
-
-
-def test_a_shape_without_its_size_is_refused() -> None:
-    with pytest.raises(ModelError, match="size 0 must be positive in geom"):
-        _ = dy.RigidBodies(MODEL.replace('<geom size="0.2"/>', '<geom size="-1"/>')).shapes

@@ -1,6 +1,5 @@
 """Shapes of a URDF."""
 
-import numpy as np
 import pytest
 
 import dynident as dy
@@ -33,13 +32,6 @@ def test_each_shape_has_its_size(shape, kind, size) -> None:
     (result,) = shapes(collision(shape)).collision
     assert (result.kind, result.size) == (kind, size)
     assert result.file == ("a.stl" if kind is ShapeKind.MESH else "")
-
-
-def test_shapes_are_placed_in_the_link() -> None:
-    result = shapes(collision('<sphere radius="1"/>', '<origin xyz="1 2 3" rpy="0 0 1.5707963"/>')).collision[0]
-    assert result.frame == pytest.approx(
-        np.array([[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1.0]]), abs=1e-12
-    )
 
 
 def test_what_is_seen_and_what_collides_are_kept_apart() -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.models.simulation import PD, PID, Broken, Function, RunsAway, simulate_recording
+from dynident.models.simulation import PID, Broken, simulate_recording
 from dynident.motion.log import HasState
 from dynident.runtime import InputError, ModelError
 from tests.models.simulation.loops import ARM, LINKED, RUST, RUSTY, driven, loop, reference
@@ -58,18 +58,6 @@ def test_a_loop_gives_back_what_it_made_from_any_sample_on() -> None:
     again = simulate_recording(ARM, LINKED, made, drive, rows=slice(100, 401))
     np.testing.assert_allclose(again.q, made.q[100:], atol=2e-4)  # it does not know the last position
     np.testing.assert_allclose(again.tau[0], made.tau[100], atol=1e-2)
-
-
-def test_the_first_speed_that_a_controller_sees_is_that_of_the_motion_at_uneven_stamps_too() -> None:
-    seen = list[np.ndarray]()
-
-    def law(t: float, q: np.ndarray, dq: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        seen.append(dq)
-        return 10 * (wanted - q) - 0.2 * dq
-
-    uneven = replace(MOTION, t=T + 0.25 * T**2)
-    simulate_recording(ARM, LINKED, uneven, replace(loop("function", uneven), law=law), rows=slice(100, 130))
-    np.testing.assert_allclose(seen[0], uneven.dq[100], rtol=1e-9)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -155,24 +143,3 @@ def ends(t: float, q: np.ndarray, dq: np.ndarray, wanted: np.ndarray) -> np.ndar
 
 def short(t: float, q: np.ndarray, dq: np.ndarray, wanted: np.ndarray) -> float:
     return 1.0
-
-
-def test_a_function_cannot_change_what_it_sees() -> None:
-    def rude(t: float, q: np.ndarray, dq: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        q += 1.0
-        wanted += 1.0
-        return 0 * q
-
-    drive = replace(loop("function", MOTION), law=rude)
-    assert isinstance(drive, Function)
-    run = simulate_recording(ARM, LINKED, MOTION, drive, rows=slice(0, 40))
-    np.testing.assert_array_equal(run.q[0], MOTION.q[0])
-    np.testing.assert_array_equal(drive.reference, reference(MOTION))
-
-
-def test_a_loop_that_is_unstable_with_a_model_is_a_failure() -> None:
-    pd = loop("pd", MOTION)
-    assert isinstance(pd, PD)
-    run = simulate_recording(ARM, LINKED, MOTION, replace(pd, kd=np.full(2, 500.0)))
-    assert isinstance(run.failure, RunsAway)
-    assert 0 < run.failure.after < 0.8

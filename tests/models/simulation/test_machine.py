@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.models import RotorInertia
-from dynident.models.friction import Coulomb, Dahl, LoadViscous, Offset, Power, Stribeck, Viscous
+from dynident.models.friction import Coulomb, Power, Stribeck, Viscous
 from dynident.models.lagrangian import pendulum
 from dynident.models.simulation.trace import Machine
 
@@ -21,18 +20,3 @@ def test_only_friction_of_a_constant_size_or_slope_is_separated() -> None:
     assert machine.F.tolist() == [2.0]
     slow, fast = (machine.mass_and_bias(np.zeros((1, 1)), np.full((1, 1), v))[1].item() for v in (0.1, 4.0))
     assert (slow, fast) == pytest.approx((4.0 * 0.1**0.5 + 8.0 * np.exp(-1), 8.0))
-
-
-def test_hysteresis_and_what_grows_with_the_load_stay_in_the_model():
-    theta = np.array([0.0825, 0.25, 0.4, 0.1])
-    machine = Machine(pendulum().with_terms(Dahl(JOINTS), LoadViscous(JOINTS)), theta)
-    assert (len(machine.F), machine.V.any()) == (0, False)
-
-
-def test_what_is_the_same_at_all_states_is_part_of_mass_and_bias() -> None:
-    model = pendulum().with_terms(RotorInertia(JOINTS), Offset(JOINTS), Power(JOINTS, exponent=0.5))
-    theta, (q, dq) = np.array([0.1, 0.2, 0.4, 0.8, 1.6]), np.linspace(-2.0, 2.0, 10).reshape(2, 5, 1)
-    for first, second in zip(
-        Machine(model, theta).mass_and_bias(q, dq), model.mass_and_bias(q, dq, theta), strict=True
-    ):
-        np.testing.assert_allclose(first, second, rtol=1e-12, atol=1e-12)

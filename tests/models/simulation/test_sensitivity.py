@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from dynident.models import Model
-from dynident.models.friction import Coulomb, Dahl
-from dynident.models.lagrangian import pendulum, slider, two_link_arm
-from dynident.models.simulation import SimulatedRecording, sensitivities, simulate, simulate_recording
+from dynident.models.friction import Dahl
+from dynident.models.lagrangian import pendulum, slider
+from dynident.models.simulation import SimulatedRecording, sensitivities, simulate_recording
 from dynident.motion.log import Controller, Motion
 from dynident.runtime import InputError, ModelError
 from tests.models.simulation.loops import ARM, HINGE, LINKED, RUST, RUSTY, driven, loop
@@ -63,50 +63,11 @@ def test_in_a_loop_that_is_limited(kind: str, model: Model, theta: np.ndarray, l
     assert 0.01 < (np.abs(run.tau) == 2 * limit).mean() < 0.9
 
 
-def test_in_a_loop_of_the_rate_of_the_steps() -> None:
-    motion = driven(ARM, FINE[:200])
-    check(ARM, LINKED, motion, loop("pid", motion))
-
-
-def test_two_frictions_of_one_joint_hold_it_together() -> None:
-    model = RUSTY.with_terms(Coulomb(HINGE, names=("more",)))
-    check(model, np.append(RUST, 0.2), driven(model, FINE), None)
-
-
 def test_frictions_that_are_no_constants_of_a_sign_are_in_the_model() -> None:
     """Negative ones, too."""
     theta = RUST * [1, 1, -1, -0.1, 1]
     motion = driven(RUSTY, FINE[:400], speed=1.0)
     check(RUSTY, theta, motion, None)
-
-
-def test_against_an_accurate_integrator() -> None:
-    """The derivative of the arm's motion, as LSODA has it at other parameters; the steps differ."""
-    arm, t = two_link_arm(), np.arange(301) * 0.001
-    theta = np.array(arm.values)
-    exact = simulate(arm, theta, torque, t)
-    by = np.random.default_rng(0).uniform(-1, 1, len(theta)) * theta
-    result = sensitivities(arm, theta, simulate_recording(arm, theta, exact), None, by[:, None]).q[..., 0]
-    ends = [simulate(arm, theta + sign * by, torque, t, tolerance=1e-11).q for sign in (1e-5, -1e-5)]
-    about = (ends[0] - ends[1]) / 2e-5
-    assert np.abs(result - about).max() < 5e-3 * np.abs(about).max()
-
-
-def torque(t: float) -> tuple[float, float]:
-    return 1.13 * np.sin(t), 0.78 * np.cos(t)
-
-
-def test_directions_are_products_of_all_columns() -> None:
-    motion = driven(RUSTY, FINE[:100])
-    run = simulate_recording(RUSTY, RUST, motion)
-    all_of, some = sensitivities(RUSTY, RUST, run), np.arange(10.0).reshape(5, 2)
-    alone = sensitivities(RUSTY, RUST, run, only="dq")
-    np.testing.assert_array_equal(alone.dq, all_of.dq)
-    assert (alone.q.size, alone.tau.size) == (0, 0)
-    np.testing.assert_allclose(sensitivities(RUSTY, RUST, run, None, some).q, all_of.q @ some, atol=1e-12)
-    none = sensitivities(RUSTY, RUST, run, None, np.zeros((5, 0)))
-    assert none.q.shape == (100, 1, 0)
-    np.testing.assert_allclose(none.start.q, all_of.start.q)
 
 
 def test_many_steps_are_made_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:

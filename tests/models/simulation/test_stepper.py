@@ -11,11 +11,10 @@ from dynident.models import Joint, Model, Parameter, Partials, Term
 from dynident.models.friction import Coulomb, Dahl, LoadCoulomb, Offset, Viscous
 from dynident.models.lagrangian import pendulum, slider
 from dynident.models.simulation import CascadePD, simulate
-from dynident.models.simulation.steps import MAX_LOOKAHEAD, integrate, integrate_arrays
+from dynident.models.simulation.steps import integrate, integrate_arrays
 from dynident.models.simulation.trace import MAX_POSITION, Machine, Trace
 from dynident.motion.log import Controller, Motion
 from dynident.runtime import ModelError
-from tests.models.simulation.loops import driven
 
 JOINTS = pendulum().joints
 RUSTY = Model((*pendulum().terms, Viscous(JOINTS), Coulomb(JOINTS), Coulomb(JOINTS, names=("more",)), Offset(JOINTS)))
@@ -44,15 +43,6 @@ class EndStop(Term):
         raise NotImplementedError
 
 
-@dataclass(frozen=True)
-class Valley(EndStop):
-    """A torque that changes with the position everywhere."""
-
-    def regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-        self.asked.append(len(q))
-        return np.sin(3 * q)[:, :, None]
-
-
 def motion(model: Model, t: np.ndarray, tau: np.ndarray, dq: float = 0.0) -> Motion:
     zero = np.zeros((len(t), 1))
     names = tuple(joint.name for joint in model.joints)
@@ -78,7 +68,7 @@ RAIL = (5.0, 8.0, 3.0, 0.5)
 
 @pytest.mark.parametrize(
     ("model", "theta", "step", "loop"),
-    [(RUSTY, RUST, 0.001, True), (RUSTY, RUST, 0.0035, False), (slider(), RAIL, 0.001, True)],
+    [(RUSTY, RUST, 0.002, True), (RUSTY, RUST, 0.0035, False), (slider(), RAIL, 0.002, True)],
 )
 def test_one_joint_moves_in_plain_numbers_as_in_arrays(
     model: Model, theta: tuple[float, ...], step: float, loop: bool
@@ -97,21 +87,6 @@ def test_one_joint_moves_in_plain_numbers_as_in_arrays(
     np.testing.assert_allclose(tau, tau_arrays, rtol=0, atol=1e-9)
 
 
-def test_any_controller_drives_one_joint() -> None:
-    @dataclass(frozen=True)
-    class Spring:
-        joints: tuple[str, ...] = ("pivot",)
-
-        def __call__(self, t: float, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-            assert q.shape == dq.shape == (1,)
-            return np.sin(t) - q - 0.1 * dq
-
-    run = motion(pendulum(), np.arange(500) * 0.002, np.zeros(500))
-    q, tau, q_arrays, tau_arrays = both(pendulum(), (0.0825, 0.25), run, Spring())
-    np.testing.assert_allclose(q, q_arrays, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(tau, tau_arrays, rtol=0, atol=1e-12)
-
-
 def test_what_was_tried_with_an_old_bias_does_not_stay() -> None:
     """A mass slides freely, so that more and more steps are taken at once, then meets a stop which they pass."""
     rail, asked = slider().joints, list[int]()
@@ -121,29 +96,6 @@ def test_what_was_tried_with_an_old_bias_does_not_stay() -> None:
     assert q.max() == pytest.approx(2.0 + np.sqrt(5 / 2000), abs=1e-4)
     np.testing.assert_allclose(q, q_arrays, rtol=0, atol=1e-12)
     assert max(asked) > 500  # two rows a step
-
-
-def test_a_model_that_never_changes_is_asked_seldom() -> None:
-    asked = list[int]()
-    model = Model((*slider().terms, EndStop(1e9, slider().joints, asked)))
-    run = motion(model, np.arange(8001) * 0.001, np.zeros(8001))
-    integrate(Machine(model, (5.0, 8.0, 3.0, 0.5, 1.0)), run, np.arange(8001)[None], None)
-    assert len(asked) < 25
-    assert max(asked) == 2 * MAX_LOOKAHEAD
-
-
-def test_a_model_that_changes_smoothly_is_asked_far_less_often_than_there_are_steps() -> None:
-    asked = list[int]()
-    model = Model((*slider().terms, Valley(0.0, slider().joints, asked)))
-    machine, rows = Machine(model, (0.5, 0.1, 0.2, 0.0, 4.0)), np.arange(1501)[None]
-    run = driven(model, np.arange(1501) * 1e-3)
-    asked.clear()
-    quick = integrate(machine, run, rows, None)
-    assert len(asked) < 300
-    exact = integrate_arrays(machine, run, rows, None)
-    np.testing.assert_allclose(quick.q, exact.q, atol=1e-11)
-    np.testing.assert_allclose(quick.dq, exact.dq, atol=1e-10)
-    assert np.ptp(quick.q) == pytest.approx(np.ptp(exact.q))
 
 
 def test_a_model_that_fails_on_the_way_says_so_and_one_that_runs_away_stops() -> None:
@@ -156,24 +108,6 @@ def test_a_model_that_fails_on_the_way_says_so_and_one_that_runs_away_stops() ->
     assert q[np.isfinite(q)].max() > MAX_POSITION
     np.testing.assert_array_equal(np.isfinite(q), np.isfinite(q_arrays))
     assert not np.isfinite(q[0, -1, 0])
-
-
-def test_a_run_that_overflows_in_one_step_stops_as_well() -> None:
-    """The model has no value there, and is not asked for any."""
-    run = motion(pendulum(), np.arange(50) * 0.001, np.full(50, 1e305))
-    q, tau, q_arrays, tau_arrays = both(pendulum(), (1e-9, 0.25), run, None)
-    assert not np.isfinite(q[0, 1:]).any()
-    np.testing.assert_array_equal(q[0, 0], q_arrays[0, 0])
-    np.testing.assert_array_equal(tau[0, 0], tau_arrays[0, 0])
-
-
-def test_the_model_is_not_asked_after_the_end() -> None:
-    """The last position lies where the model fails, and none of the middles of the steps does."""
-    rail = slider().joints
-    model = Model((*slider().terms, EndStop(1.8999, rail, [])))
-    run = motion(model, np.arange(11) * 0.2, np.zeros(11), dq=1.0)
-    q, *_ = both(model, (5.0, 0.0, 0.0, 0.0, 1e-12), run, None)
-    assert q[0, -1, 0] == pytest.approx(2.1)
 
 
 @pytest.mark.parametrize(("share", "holds"), [(0.8, False), (1.2, True)])

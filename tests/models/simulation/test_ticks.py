@@ -55,16 +55,3 @@ def test_a_period_that_does_not_fit_is_said(period: float) -> None:
     _, slow = logged()
     with pytest.raises(InputError, match=r"period = .* s does not fit the 0.004 s from sample to sample; give a whole"):
         slow.every(period)
-
-
-def test_lost_samples_have_as_many_steps_as_their_time() -> None:
-    few, slow = logged()
-    keep = np.r_[0:100, 103:200]
-    drive = PD(
-        **{
-            name: getattr(slow, name)[keep] if name in ("t", "reference", "feedforward") else getattr(slow, name)
-            for name in ("joints", "t", "reference", "kp", "kd", "gain", "saturation", "feedforward")
-        }
-    )
-    np.testing.assert_allclose(np.diff(drive.every(1e-3).t), 1e-3, rtol=1e-6)
-    assert few.t[keep[-1]] == pytest.approx(drive.every(1e-3).t[-1])

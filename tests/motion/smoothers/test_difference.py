@@ -48,11 +48,6 @@ def test_butterworth_refuses_irregular_times() -> None:
         Butterworth()(Log(t, np.sin(t)[:, None], np.zeros((400, 1)), ("a",), "made"))
 
 
-def test_butterworth_refuses_a_cutoff_above_half_the_rate() -> None:
-    with pytest.raises(InputError, match="a cut-off of 10 Hz does not lie below half the sampling rate"):
-        Butterworth()(log(h=0.05))
-
-
 def test_butterworth_takes_what_is_longer_than_the_padding_of_its_filters() -> None:
     """Three times the order, and a sample more to extend from."""
     smoother = Butterworth(orders=(1, 2, 4), cutoffs=(50.0, 50.0, 50.0), settle=(0.0, 0.0))

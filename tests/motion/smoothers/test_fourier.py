@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.motion.log import Log, Motion
-from dynident.motion.smoothers import FourierSeries, Smoother, Spline
+from dynident.motion.log import Log
+from dynident.motion.smoothers import FourierSeries, Smoother
 from dynident.runtime import InputError, MissingInputError
 
 JOINTS = ("a", "b", "c")
@@ -28,14 +28,6 @@ def arm(t: np.ndarray, period: float = 3.7) -> np.ndarray:
 def log(q: np.ndarray, t: np.ndarray = T, noise: float = 1e-3, seed: int = 0) -> Log:
     e = np.random.default_rng(seed).standard_normal(q.shape)
     return Log(t, q + noise * e, np.zeros(q.shape), JOINTS, "made")
-
-
-def test_period_and_harmonics_are_found() -> None:
-    how = FourierSeries()(log(arm(T))).smoothing
-    assert abs(how["period"] - 3.7) < 4 * how["period error"] < 1e-3
-    assert how["harmonics"] == (3, 5, 4)
-    assert min(how["whiteness"]) > 0.01
-    assert (how["start"], how["stop"]) == (0.0, 0.0)
 
 
 def test_without_noise_it_is_exact() -> None:
@@ -60,13 +52,6 @@ def test_noise_that_does_not_repeat_is_told_from_motion_that_does() -> None:
     motion = FourierSeries(2.0)(log(arm(T, 2.0) + 2e-3 * slow[:, None]))
     assert motion.smoothing["sigma"][0] == pytest.approx(np.hypot(1e-3, 2e-3 * slow.std()), rel=0.25)
     assert max(motion.smoothing["whiteness"]) < 1e-6
-
-
-def test_the_acceleration_is_better_than_that_of_a_spline() -> None:
-    data, (w, other) = log(arm(T)), (2 * np.pi / 3.7, 6 * np.pi / 3.7)
-    true = -(w**2) * np.sin(w * T) - 0.2 * other**2 * np.cos(other * T + 1)
-    errors = [np.std((x.ddq[:, 0] - true)[x.mask]) for x in (FourierSeries()(data), Spline()(data))]
-    assert errors[0] < errors[1] / 10
 
 
 @pytest.mark.parametrize("given", [None, 2.3])
@@ -138,13 +123,6 @@ def test_one_period_is_enough_where_it_is_known() -> None:
     assert how["sigma"] == pytest.approx((1e-3,) * 3, rel=0.05)
     with pytest.raises(InputError, match=r"9.998 s are less than one period of 20 s; record longer"):
         FourierSeries(20.0)(log(arm(T, 7.4)))
-
-
-def test_as_it_was_used_it_leaves_out_the_same_ends() -> None:
-    motion: Motion = FourierSeries()(log(arm(np.clip(T, 1.0, 9.0), 2.3)))
-    used = FourierSeries().as_used(motion)
-    assert used.settle == (motion.smoothing["start"], motion.smoothing["stop"])
-    assert used.harmonics == dict(zip(JOINTS, (3, 5, 4), strict=True))
 
 
 @pytest.mark.parametrize("samples", [3, 4, 5])

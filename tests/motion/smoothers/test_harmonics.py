@@ -5,19 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.motion.smoothers import FourierSeries
 from dynident.motion.smoothers.harmonics import (
-    cached_factor,
     choose_by_bic,
     factor_of,
     fit_series,
     highest_harmonic,
-    noise_correction,
     noise_power,
-    sample_products,
     series_values,
 )
-from tests.motion.smoothers.test_fourier import T, arm, log
 
 EVEN = 3.0 + 0.01 * np.arange(5000)  # more than are summed at once
 
@@ -46,10 +41,6 @@ def test_the_noise_of_a_harmonic_is_found_between_them(rho: float) -> None:
     assert (choose_by_bic(series, stated, N) == 0).mean() > 0.95
 
 
-def test_a_fit_takes_one_line_of_so_many() -> None:
-    assert [noise_correction(x) for x in (1.2, 2.0, 10.0)] == pytest.approx([2.4, 2.0, 10 / 9])
-
-
 def test_a_line_that_stands_out_is_seen_and_noise_is_none() -> None:
     t, e = np.arange(2000) * 0.01, np.random.default_rng(4).normal(size=(2000, 50))
     assert highest_harmonic(t, e, 3.7, 100) == 0
@@ -61,15 +52,6 @@ def test_a_line_that_stands_out_is_seen_and_noise_is_none() -> None:
 def times(kind: str) -> np.ndarray:
     uneven = EVEN + 0.004 * np.random.default_rng(0).uniform(size=5000)
     return {"even": EVEN, "uneven": uneven, "gap": np.where(EVEN > 20.0, EVEN + 3.3, EVEN), "late": EVEN + 1e9}[kind]
-
-
-@pytest.mark.parametrize("kind", ["even", "uneven", "gap"])
-def test_sums_are_plain_sums(kind: str) -> None:
-    t, rng = times(kind), np.random.default_rng(1)
-    turn = np.exp(2j * np.pi / 7.3 * np.outer(t - 20.0, np.arange(60)))
-    c, x = rng.normal(size=(60, 2)) + 1j * rng.normal(size=(60, 2)), rng.normal(size=(5000, 3))
-    np.testing.assert_allclose(series_values(t, c, 7.3, 20.0), (turn @ c).real, atol=1e-9)
-    np.testing.assert_allclose(sample_products(t, x, 7.3, 20.0, 60), turn.conj().T @ x, atol=1e-8)
 
 
 @pytest.mark.parametrize("kind", ["even", "uneven", "gap"])
@@ -95,13 +77,3 @@ def test_samples_that_do_not_determine_it_are_refused() -> None:
     for t in (EVEN[:30], times("uneven")[:30]):
         with pytest.raises(np.linalg.LinAlgError):
             factor_of(t, 7.3, 20)
-
-
-def test_smoothing_as_used_factorises_once() -> None:
-    """However many joints, each with its own number of harmonics, and however often."""
-    data = log(arm(T))
-    used = FourierSeries().as_used(FourierSeries()(data))
-    cached_factor.cache_clear()
-    for seed in range(5):
-        used(log(arm(T), seed=seed))
-    assert cached_factor.cache_info().misses == 1

@@ -56,21 +56,6 @@ def test_running_sums_are_least_squares_and_count_the_same_degrees_of_freedom(mo
     assert swept[3] == pytest.approx(plain[3], rel=1e-9)
 
 
-@pytest.mark.parametrize("t", [np.arange(500) * 0.02, uneven(500)], ids=["even", "uneven"])
-def test_polynomials_of_its_order_are_exact(t: np.ndarray) -> None:
-    curve = np.polynomial.Polynomial([3.0, -2.0, 0.5, 0.1, -0.02])
-    q, dq, ddq, _ = fit_polynomials(t, curve(t)[:, None], 30, 4)
-    for result, true in ((q, curve(t)), (dq, curve.deriv()(t)), (ddq, curve.deriv(2)(t))):
-        np.testing.assert_allclose(result[:, 0], true, atol=1e-8 * np.abs(true).max())
-
-
-def test_the_trace_is_the_change_of_each_value_with_its_own_sample() -> None:
-    t, half = uneven(60), 5
-    trace = fit_polynomials(t, np.zeros((60, 1)), half, 2)[3]
-    each = [fit_polynomials(t, np.eye(60)[:, [i]], half, 2)[0][i, 0] for i in range(60)]
-    assert trace == pytest.approx(sum(each))
-
-
 def test_noise_makes_two_orders_differ_by_its_known_gain() -> None:
     """Its variance is that of ddq of the lower order times the gain, which of a parabola is known in full."""
     t, half, sigma = np.arange(40_000) * 0.01, 10, 0.3

@@ -29,11 +29,6 @@ def changed(name: str, rows: slice | list[int], joint: int, value: float, *, add
     return Log(T, x if name == "q" else test_log.q, x if name == "tau" else test_log.tau, test_log.joints)
 
 
-def test_a_clean_log_is_left_alone() -> None:
-    test_log = log()
-    assert repair_log(test_log, torque=True) is test_log
-
-
 def test_a_spike_of_the_position_is_replaced_and_its_row_not_fitted_for_any_joint() -> None:
     clean = repair_log(changed("q", [900], 1, 0.5, add=True), torque=True)
     assert clean.keep is not None
@@ -67,13 +62,6 @@ def test_suspect_torques_are_not_kept_where_asked() -> None:
     assert np.argwhere(~clean.keep).tolist() == [[700, 0]]
     assert np.array_equal(clean.tau, case.tau)
     assert repair_log(case, torque=False) is case
-
-
-def test_clipped_torques_are_suspects() -> None:
-    test_log = log()
-    tau = np.clip(test_log.tau, -3.0, 3.0)
-    seen = suspects(Log(T, test_log.q, tau, test_log.joints))
-    assert np.array_equal(seen.torque_clipped, np.abs(tau) == 3.0)
 
 
 @pytest.mark.parametrize("samples", [9, 10])

@@ -77,19 +77,6 @@ def test_a_piece_with_the_overlap_has_the_motion_of_the_whole(name: str) -> None
     assert part.mask[inside].all()
 
 
-@pytest.mark.parametrize("name", ["usual", "wide"])
-def test_the_error_of_a_spline_decays_as_the_roots_of_its_equations_say(name: str) -> None:
-    smoother, log = SPLINES[name], recording()
-    full = smooth_log(smoother, log)
-    left = max(decay(width, STEP) for width in full.smoothing["bandwidth"])
-    part = smooth_log(smoother, log.rows(slice(5000, None), "piece"))
-    bound = 4 * left ** np.arange(1000)[:, None]
-    error = np.abs(part.ddq[:1000] - full.ddq[5000:6000]) / np.abs(full.ddq).max(axis=0)
-    assert (error <= np.maximum(bound, 1e-11)).all()
-    half = round(np.log(1e-4) / np.log(left))  # it does not decay faster, either
-    assert error[half - 20 : half + 20].max() > 1e-7
-
-
 def test_the_roots_are_those_of_a_kernel_and_of_interpolation() -> None:
     assert decay(0.0, STEP) == pytest.approx(2 - np.sqrt(3))
     assert decay(np.inf, STEP) == 1.0

@@ -12,9 +12,7 @@ from dynident.motion.smoothers.periodic_fit import (
     fit_periodic,
     likely_periods,
     misfit,
-    periods_in,
     refine_period,
-    scatter,
 )
 
 
@@ -30,12 +28,6 @@ def test_the_period_is_found_not_a_multiple(period: float) -> None:
     t = np.arange(4000) * 0.01
     q = motion(t, period) + 1e-3 * np.random.default_rng(0).standard_normal((4000, 2))
     assert likely_periods(t, q)[0] == pytest.approx(period, rel=1e-4)
-
-
-def test_a_ripple_on_slow_motion_is_no_period() -> None:
-    t = np.arange(6000) * 0.005
-    q = np.column_stack([np.sin(0.2 * t**1.3) + 0.01 * np.sin(40 * t)])
-    assert all(likely_period > 1.0 for likely_period in likely_periods(t, q))
 
 
 @pytest.mark.parametrize("colour", [1, 10])
@@ -93,18 +85,6 @@ def test_what_is_left_is_a_share_of_motion_and_acceleration() -> None:
     share, bend = misfit(t, result, sought)
     assert share[0] < 1e-3
     assert bend[0] < 0.04  # scatter of white noise in the band; a tenth is refused
-
-
-@pytest.mark.parametrize("step", [0.01, 0.0137])
-def test_scatter_is_that_of_the_noise_whether_or_not_samples_fall_on_samples(step: float) -> None:
-    """What repeats cancels, of any size."""
-    t = np.arange(20_000) * step
-    q = 5 * np.sin(2 * np.pi * t / 2.0) * (step == 0.01) + 0.3 * np.random.default_rng(0).standard_normal(20_000)
-    assert scatter(t, q[:, None], 2.0)[0] == pytest.approx(0.3, rel=0.02)
-
-
-def test_periods_are_counted_by_what_samples_stand_for() -> None:
-    assert periods_in(np.arange(800) * 0.01, 4.0) == pytest.approx(2.0)
 
 
 def test_steps_of_an_encoder_that_repeat_are_no_harmonics() -> None:

@@ -14,19 +14,6 @@ from dynident.runtime import InputError
 from tests.motion.smoothers.test_difference import log
 
 
-def test_spline_tells_how_it_smoothed() -> None:
-    made = Spline(sigma={"b": 2e-3})(log())
-    assert made.smoothing["sigma"][1] == 2e-3
-    assert made.smoothing["sigma"][0] == pytest.approx(1e-3, rel=0.1)
-    assert made.smoothing["S"] == pytest.approx((4001, 4001))
-    assert all(0.01 < width < 1.0 for width in made.smoothing["bandwidth"])
-
-
-def test_a_spline_too_wide_for_the_log_is_said() -> None:
-    with pytest.raises(InputError, match="too short"):
-        Spline(Fixed(lam=0.64))(log(n=200))  # a bandwidth of 0.2 s
-
-
 def test_a_joint_that_double_precision_cannot_smooth_is_named() -> None:
     t = np.arange(60_000) * 1e-6
     made = Log(t, np.sin(40 * t)[:, None] * [1.0, 2.0], np.zeros((len(t), 2)), ("wrist", "hand"), "run")

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from dynident.motion.smoothers import Order, posterior_errors, wiener
-from dynident.motion.splines.banded import Grid, System, second_difference
-from dynident.motion.splines.quintic import QuinticSystem
 from dynident.runtime import InputError
-from tests.motion.splines.wiener_reference import dense, recursion, sampled
+from tests.motion.splines.wiener_reference import recursion, sampled
 
 ORDERS: tuple[Order, ...] = (2, 3)
 NONE = (None,)
@@ -25,19 +23,6 @@ def noisy(n: int, order: int, q: float, r: float, seed: int = 0) -> tuple[np.nda
 
 
 @pytest.mark.parametrize("order", ORDERS)
-@pytest.mark.parametrize("q", [1e-4, 0.1, 3.0])
-def test_is_the_posterior_of_a_diffuse_start(order: Order, q: float) -> None:
-    """Means of q, dq, ddq and standard errors, at all samples and at irregular times, by dense algebra."""
-    t, y = noisy(15, order, q, 0.5)
-    means, variances = dense(t, y, order, 0.5, q)
-    fit = wiener(t, y[:, None], order, [0.5**0.5], [q])
-    for result, mean in zip((fit.values, fit.first_derivative, fit.second_derivative), means, strict=True):
-        np.testing.assert_allclose(result[:, 0], mean, atol=1e-6 * np.abs(mean).max())
-    errors = posterior_errors(t, order, np.array([0.5**0.5]), np.array([q]))
-    np.testing.assert_allclose(errors[:, :, 0] ** 2, variances, rtol=1e-5)
-
-
-@pytest.mark.parametrize("order", ORDERS)
 def test_is_what_kalman_rauch_tung_and_striebel_give(order: Order) -> None:
     t, y = noisy(300, order, 0.01, 0.5)
     means, spreads, _ = recursion(t, y, order, 0.5, 0.01)
@@ -47,29 +32,6 @@ def test_is_what_kalman_rauch_tung_and_striebel_give(order: Order) -> None:
         np.testing.assert_allclose(result[kept, 0], means[:, k], atol=1e-7 * np.abs(means[:, k]).max())
     errors = posterior_errors(t, order, np.array([0.5**0.5]), np.array([0.01]))
     np.testing.assert_allclose(errors[:, kept, 0].T ** 2, np.diagonal(spreads, axis1=1, axis2=2), rtol=1e-6)
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_the_likelihood_is_the_restricted_one_of_the_spline(order: Order) -> None:
-    """Up to a constant that depends on the times alone."""
-    t, y = noisy(60, order, 0.05, 0.5)
-    t = (t - t[0]) * (len(t) - 1) / (t[-1] - t[0])
-    left = []
-    for r, q in ((0.5, 0.05), (0.1, 2.0), (3.0, 1e-3)):
-        full, log_det = _banded(t, y, order, 0.5 * q / r)
-        restricted = -0.5 * ((len(t) - order) * np.log(r) + log_det + full / r)
-        left.append(recursion(t, y, order, r, q)[2] - restricted)
-    assert np.ptp(left) < 1e-6
-
-
-def _banded(t: np.ndarray, y: np.ndarray, order: int, p: float) -> tuple[float, float]:
-    """y' Q u and the logarithm of the determinant, of which ``REML`` is made."""
-    if order == 3:
-        test_solution = QuinticSystem(np.diff(t)).solve(p, y)
-        return test_solution.penalised_rss, test_solution.log_det
-    system = System(Grid(np.diff(t)))
-    solution = system.solve(p, second_difference(y, np.diff(t)), refine=False, trace=True)
-    return solution.rss + p * solution.energy, solution.log_det
 
 
 @pytest.mark.parametrize("order", ORDERS)
@@ -112,19 +74,6 @@ def test_noise_and_intensity_are_found_and_intervals_cover(order: Order) -> None
     spread = np.std(result, axis=0) / np.sqrt(15)
     assert (np.abs(np.mean(result, axis=0)) < 4 * spread).all()
     assert (np.abs(np.mean(inside, axis=0) - 0.95) < 0.04).all()
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_polynomials_pass_as_they_are(order: Order) -> None:
-    t = jittered(200)
-    y = np.column_stack([np.zeros(200), np.full(200, 2.0), 3 - t, t**2])[:, : order + 1]
-    fit = wiener(t, y, order, [None] * (order + 1), [None] * (order + 1))
-    np.testing.assert_allclose(fit.values, y, atol=1e-9)
-    np.testing.assert_array_equal(fit.intensity, 0.0)
-    assert np.isinf(fit.bandwidth).all()
-    assert (fit.sigma > 0).all()
-    again = wiener(t, y, order, fit.sigma.tolist(), fit.intensity.tolist())
-    np.testing.assert_allclose(again.second_derivative, fit.second_derivative, atol=1e-10)
 
 
 @pytest.mark.parametrize("order", ORDERS)

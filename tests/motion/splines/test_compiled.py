@@ -188,31 +188,6 @@ def test_a_single_series_is_fitted_to_the_same_bits_as_beside_others(
                 np.testing.assert_array_equal(getattr(alone, name), expected, err_msg=f"{name} by {rule}", strict=True)
 
 
-@compiled_only
-def test_which_single_series_the_kernel_fits() -> None:
-    t = np.linspace(0.0, 3.0, 50)
-    y = np.sin(3 * t) + 0.01 * np.random.default_rng(0).standard_normal(50)
-    for rule, setting in ((0, 50.0), (1, 1e3), (2, 0.0)):
-        assert compiled.fit_single(t, y, rule, setting, 0.01) is not None
-        for bad in ([y.copy() for _ in range(2)], [t.copy() for _ in range(2)]):
-            bad[0][7], bad[1][7] = np.nan, np.inf
-            for column in bad:
-                assert compiled.fit_single(t, column, rule, setting, 0.01) is None
-                assert compiled.fit_single(column, y, rule, setting, 0.01) is None
-        for times in (t[::-1], np.repeat(t[::2], 2), np.r_[t[:20], t[20:22][::-1], t[22:]], 1e150 * t):
-            assert compiled.fit_single(times, y, rule, setting, 0.01) is None
-        for values in (np.zeros(50), 1e150 * y):
-            assert compiled.fit_single(t, values, rule, setting, 0.01) is None
-        for sigma in (1e-200, 1e200, -1.0, np.nan):
-            assert compiled.fit_single(t, y, rule, setting, sigma) is None
-        assert compiled.fit_single(t[:3], y[:3], rule, setting, 0.01) is None
-    for rule, setting in product((0, 1), (0.0, -1.0, np.inf, np.nan)):
-        assert compiled.fit_single(t, y, rule, setting, 0.01) is None
-    for rule in (0, 2):  # a straight line needs no search
-        assert compiled.fit_single(t, 2 * t, rule, 50.0, 0.01) is None
-    assert compiled.fit_single(t, y, 0, 1e9, 0.01) is None
-
-
 def assert_same(spline: SmoothingSpline, expected: SmoothingSpline) -> None:
     for name in ("p", "S", "edf"):
         np.testing.assert_allclose(getattr(spline, name), getattr(expected, name), rtol=1e-7, err_msg=name)
@@ -263,23 +238,6 @@ def test_the_noise_is_that_of_numpy(n: int, weights: int | None, columns: int) -
 
 
 @compiled_only
-@pytest.mark.parametrize("n", [5, 254, 255, 256, 257, 258, 259, 600])
-@pytest.mark.parametrize("columns", [1, 3, 7, 8, 11])
-@pytest.mark.parametrize("weighted", [False, True])
-def test_what_lies_side_by_side_is_finished_as_what_does_not(n: int, columns: int, weighted: bool) -> None:
-    rng = np.random.default_rng(n)
-    grid, y = Grid(steps(n, 0.5, rng)), rng.standard_normal((n, columns))
-    systems = [System(grid, rng.uniform(0.5, 2, n) if weighted else None) for _ in range(columns)]
-    unit = rng.uniform(0.5, 2, columns).tolist()
-    lanes = [rng.standard_normal((n, Solver().lanes)) for _ in range(0, columns, Solver().lanes)]
-    u = [part[1:-1, j] for part in lanes for j in range(Solver().lanes)][:columns]
-    for some in (u, [u[0].copy(), *u[1:]], [*u[:-1], u[-1].copy()]):
-        expected = spline_values(y, systems, [np.ascontiguousarray(x) for x in u], unit, unit)
-        for first, second in zip(spline_values(y, systems, some, unit, unit), expected, strict=True):
-            np.testing.assert_array_equal(first, second)
-
-
-@compiled_only
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("shape", [(41, 1), (20, 3)])
 def test_a_value_that_is_not_finite_is_seen_wherever_it_is(wrong: float, shape: tuple[int, int]) -> None:
@@ -298,10 +256,3 @@ def test_a_system_that_breaks_down_says_so_beside_ones_that_do_not(refine: bool)
         assert all(isinstance(x, Solution) and np.isfinite(x.rss) for x in solved[1:])
         assert isinstance(solved[0], IllConditionedError)
         assert str(solved[0]) == "the Cholesky factorisation broke down"
-
-
-def test_a_straight_line_too_near_to_be_told_by_subtraction_is_left_to_the_long_way() -> None:
-    n = 300
-    t, grid = np.arange(float(n)), Grid(np.ones(n - 1))
-    y = (t + 1e-6 * np.random.default_rng(0).standard_normal(n))[:, None]
-    assert np.isnan(scale_columns(grid, t, y, [1.0])[2]).all()

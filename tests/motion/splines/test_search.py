@@ -8,60 +8,8 @@ import pytest
 from dynident.motion.splines import GCV, REML, Constraint, smooth
 from dynident.motion.splines.banded import Grid, IllConditionedError, System, second_difference
 from dynident.motion.splines.compiled import BareProblem, Solver, SplineTrial
-from dynident.motion.splines.search import (
-    SearchPoint,
-    _lowest_minimum,
-    _parabola_zero,
-    _slope_at,
-    hermite_root,
-    once,
-    run_searches,
-)
+from dynident.motion.splines.search import once, run_searches
 from tests.motion.splines.reference import matrices, series
-
-
-def test_inverse_hermite_interpolation_is_exact_for_a_cubic() -> None:
-    """The search knows (x, error, slope of the error): of x = 2 + 3 e - e^2 + e^3 / 2, the zero of e is at x = 2."""
-
-    def point(e: float) -> tuple[float, float, float]:
-        return 2 + 3 * e - e**2 + e**3 / 2, e, 1 / (3 - 2 * e + 1.5 * e**2)
-
-    for a, b in ((0.7, -0.4), (-0.4, 0.7), (0.3, 0.9)):
-        assert hermite_root(point(a), point(b)) == pytest.approx(2.0, rel=1e-12)
-
-
-def test_inverse_interpolation_is_exact_for_a_parabola() -> None:
-    reference = [(3 - 2 * s + 0.3 * s * s, 0.0, s) for s in (-1.0, 0.4, 2.0)]
-    assert _parabola_zero(reference) == pytest.approx(3.0, rel=1e-12)
-    assert np.isnan(_parabola_zero([reference[0], reference[0], reference[1]]))
-
-
-def test_a_slope_is_continued_by_at_most_a_tenth() -> None:
-    point, previous = (3.0, 0.2, -1.0), (2.0, 0.9, -0.8)
-    assert _slope_at(3.2, point, previous) == (3.2, pytest.approx(-1.04))
-    assert [_slope_at(x, point, previous)[1] for x in (4.0, 2.0)] == pytest.approx([-1.1, -0.9])
-    assert _slope_at(3.2, point, None) == (3.0, -1.0)
-
-
-def points(value: np.polynomial.Polynomial, at: np.ndarray) -> list[SearchPoint]:
-    return [(float(x), float(value(x)), float(value.deriv()(x))) for x in at]
-
-
-def test_the_lower_of_two_valleys_is_found() -> None:
-    for tilt in (0.05, -0.05):
-        value = np.polynomial.Polynomial([0.0, tilt, -2.0, 0.0, 1.0])  # valleys near -1 and 1
-        x, bracket = _lowest_minimum(points(value, np.linspace(-1.7, 1.8, 8)))
-        assert x == pytest.approx(-np.sign(tilt), abs=0.1)
-        assert bracket is not None
-        assert bracket[0][0] < x < bracket[1][0]
-
-
-def test_an_end_that_is_lower_than_any_valley_is_kept() -> None:
-    line = np.polynomial.Polynomial([0.0, 1.0])
-    assert _lowest_minimum(points(line, np.arange(5.0))) == (0.0, None)
-    assert _lowest_minimum(points(-line, np.arange(5.0))) == (4.0, None)
-    fall = np.polynomial.Polynomial([0.0, 0.05, -2.0, 0.0, 1.0])
-    assert _lowest_minimum([(-3.0, -5.0, 1.0), *points(fall, np.linspace(-1.7, 1.8, 8))]) == (-3.0, None)
 
 
 @pytest.mark.parametrize("rule", [GCV(), REML()], ids=repr)

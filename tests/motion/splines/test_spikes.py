@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.ndimage import maximum_filter1d
 
-from dynident.motion.splines import bridge_gaps, frozen_samples, median_sigma, spikes, torn_ends, trailing_maximum
-from dynident.motion.splines.spikes import LOCAL_NOISE_FACTOR, NOISE_BLOCK, _candidates, _increment
+from dynident.motion.splines import bridge_gaps, frozen_samples, spikes, torn_ends
 
 T = np.arange(5000) * 1e-3
 NOISE = 1e-4
@@ -62,13 +60,6 @@ def test_the_first_and_last_eight_samples_are_not_looked_at() -> None:
         assert np.flatnonzero(spikes(T, x)).tolist() == [row] * seen
 
 
-def test_wrong_stamps_are_no_spikes() -> None:
-    """A stamp that is late moves the sample beside the curve, but not in the order of the samples."""
-    t = T.copy()
-    t[1000] += 4e-4
-    assert spikes(t, np.sin(5 * T)).sum() == 0
-
-
 def test_late_readings_are_no_spikes() -> None:
     rows = np.arange(len(T))
     rows[1000:1004], rows[3000:3003] = 999, 2999
@@ -117,20 +108,6 @@ def test_a_frozen_stretch_needs_eight_samples_beyond_the_end_that_jumps(mirrored
         assert np.flatnonzero(held).tolist() == (list(expected) if seen else [])
 
 
-def test_the_step_of_rounded_values_is_the_twentieth_percentile_of_their_steps() -> None:
-    """Steps of 1 to 101 and as many rests; where no value repeats, or none differs, there is none."""
-    x = np.cumsum(np.arange(1.0, 102.0) * (-1.0) ** np.arange(101))
-    assert _increment(np.repeat(np.concatenate(([0.0], x)), 2)) == 21.0
-    assert _increment(x) == _increment(np.ones(9)) == 0.0
-
-
-def test_two_of_a_thousand_steps_make_values_that_repeat() -> None:
-    steps = np.ones(1000)
-    for rests, result in ((1, 0.0), (2, 1.0)):
-        steps[:rests] = 0.0
-        assert _increment(np.cumsum(np.append(0.0, steps))) == result
-
-
 def test_a_spike_of_rounded_values_is_higher_than_twice_their_steps() -> None:
     """Slow, where a step is 1, and at two and a half a sample, where the largest is 3."""
     slow, fast = np.floor(0.04 * np.arange(600)), np.floor(0.005 * np.arange(600.0) ** 2)
@@ -152,22 +129,3 @@ def test_a_bridge_to_three_samples_starts_at_their_line() -> None:
     gone = (t >= 3) & (t <= 6)
     bridge = bridge_gaps(np.delete(t, 4), np.delete(x, 4), np.delete(gone, 4))  # 4.5 lies midway between 2 and 7
     np.testing.assert_allclose(np.interp(5.0, np.delete(t, 4), bridge), (1 / 3) * (1 - 3 * 0.6**2 + 2 * 0.6**3))
-
-
-@pytest.mark.parametrize("samples", [40, 149, 1000, 1049])
-def test_the_noise_nearby_is_the_largest_of_three_blocks(samples: int) -> None:
-    t, x = T[:samples], signal(0)[:samples]
-    bend = np.concatenate(([0.0], x[1:-1] - (x[:-2] + x[2:]) / 2, [0.0]))
-    blocks = np.array_split(bend, max(samples // NOISE_BLOCK, 1))
-    spread = np.array([float(median_sigma(block - np.median(block))) for block in blocks])
-    around = [max(spread[k - 1], spread[k], spread[(k + 1) % len(spread)]) for k in range(len(spread))]
-    _, nearby = _candidates(t, x)
-    assert nearby == pytest.approx(LOCAL_NOISE_FACTOR * np.repeat(around, [len(block) for block in blocks]), rel=1e-6)
-
-
-@pytest.mark.parametrize("size", [1, 2, 3, 7, 8, 13])
-@pytest.mark.parametrize("n", [5, 40])
-def test_the_largest_of_the_samples_up_to_each(size: int, n: int) -> None:
-    x = np.random.default_rng(0).standard_normal(n)
-    expected = maximum_filter1d(x, size, origin=(size - 1) // 2)
-    np.testing.assert_array_equal(trailing_maximum(x, size), expected)

@@ -20,31 +20,6 @@ def covariance(s: np.ndarray, t: np.ndarray, order: int, a: int, b: int) -> np.n
     return 0.5 * end * (left * right * w).sum(axis=-1)
 
 
-def dense(t: np.ndarray, y: np.ndarray, order: int, r: float, q: float) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Posterior mean of q, dq, ddq at the samples for a diffuse start, and variance of those that have one."""
-    t = t - t[0]
-    K = q * covariance(t, t, order, 0, 0) + r * np.eye(len(t))
-    X = [np.vander(t, order, increasing=True)]
-    for a in (1, 2):
-        X.append(np.column_stack([_derived(t, k, a) for k in range(order)]))
-    inverse = np.linalg.inv(K)
-    gram = np.linalg.inv(X[0].T @ inverse @ X[0])
-    beta = gram @ X[0].T @ inverse @ y
-    means, variances = [], []
-    for a in range(3):
-        cross = q * covariance(t, t, order, a, 0)
-        means.append(X[a] @ beta + cross @ inverse @ (y - X[0] @ beta))
-        if a < order:
-            open_ = X[a] - cross @ inverse @ X[0]
-            spread = q * covariance(t, t, order, a, a) - cross @ inverse @ cross.T + open_ @ gram @ open_.T
-            variances.append(np.diag(spread))
-    return means, variances
-
-
-def _derived(t: np.ndarray, power: int, a: int) -> np.ndarray:
-    return np.zeros_like(t) if power < a else factorial(power) / factorial(power - a) * t ** (power - a)
-
-
 def recursion(t: np.ndarray, y: np.ndarray, order: int, r: float, q: float) -> tuple[np.ndarray, np.ndarray, float]:
     """Kalman filter and backward pass of Rauch, Tung and Striebel: means (N, m), covariances, log-likelihood.
 

@@ -8,9 +8,6 @@ import pytest
 import yaml
 
 import dynident as dy
-from dynident.identification import SourceFile, Sources
-from dynident.project.export import Export, ExportText
-from dynident.project.export.proof import relocate_exports
 from dynident.runtime import ConfigError
 from tests.project.test_shortcuts import sliding
 
@@ -41,46 +38,6 @@ class TestExportModel:
             dy.export_model(identification, tmp_path / name, kind)
         assert not list(tmp_path.iterdir())
 
-    def test_a_folder_may_have_a_name_with_an_ending(self, identification: dy.Identification, tmp_path: Path) -> None:
-        (tmp_path / "arm.urdf").mkdir()
-        assert (
-            len(dy.export_model(identification, tmp_path / "arm.urdf"))
-            == len(dy.export_model(identification, tmp_path / "v1.2"))
-            == 2
-        )
-
-    def test_a_saved_result_is_written_without_its_recordings(
-        self, identification: dy.Identification, tmp_path: Path
-    ) -> None:
-        identification.save(tmp_path / "result.json")
-        saved = dy.load(tmp_path / "result.json", identification.model)
-        pairs = zip(
-            dy.export_model(identification, tmp_path / "a"), dy.export_model(saved, tmp_path / "b"), strict=True
-        )
-        assert all(file.read_bytes() == again.read_bytes() for file, again in pairs)
-
     def test_mistakes_are_named(self, identification: dy.Identification, tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match="no format 'yml'; did you mean 'yaml'"):
             dy.export_model(identification, tmp_path, "yml")
-
-
-class TestMovedTo:
-    MESH = '<robot name="one"><link name="a"><visual><geometry><mesh filename="{}"/></geometry></visual></link></robot>'
-
-    @pytest.mark.parametrize(
-        ("place", "name"), [("arm", "a.stl"), ("arm/result", "../a.stl"), ("other", "../arm/a.stl")]
-    )
-    def test_meshes_are_found_from_the_new_folder(self, tmp_path: Path, place: str, name: str) -> None:
-        made = Export("urdf", "one.identified.urdf", ExportText(self.MESH.format("a.stl")))
-        (moved,) = relocate_exports(
-            tmp_path / place, [made], Sources(model=SourceFile(str(tmp_path / "arm" / "one.urdf")))
-        )
-        assert moved.written is not None
-        assert moved.written.text == self.MESH.format(name)
-
-    def test_only_a_robot_file_of_which_the_place_is_known_changes(self, tmp_path: Path) -> None:
-        urdf, refused = Export("urdf", "one.urdf", ExportText(self.MESH.format("a.stl"))), Export("urdf", "two.urdf")
-        other = Export("yaml", "parameters.yaml", ExportText("text"))
-        reference = Sources(model=SourceFile(str(tmp_path / "one.urdf")))
-        assert relocate_exports(tmp_path / "out", [urdf], Sources()) == (urdf,)
-        assert relocate_exports(tmp_path / "out", [refused, other], reference) == (refused, other)

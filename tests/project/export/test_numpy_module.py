@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 import sympy as sp
 
-from dynident.models import Joint, Lagrangian, Model, Parameter, Term, Unknown
+from dynident.models import Joint, Lagrangian, Model, Unknown
 from dynident.models.friction import Dahl, LoadCoulomb, PerJoint, Viscous
 from dynident.models.lagrangian import MODELS, pendulum
 from dynident.project.export import IdentifiedModel, Numpy, Yaml, export, identified_module, random_states
 from dynident.runtime import ModelError
 from dynident.testing.term import is_the_same_in_numpy
-from tests.project.export.arms import arm
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -33,57 +30,11 @@ def test_symbolic_models_are_printed(name):
     np.testing.assert_allclose(mass, model.mass_matrix(states[0], identified_model.value), rtol=1e-10, atol=1e-10)
 
 
-def test_it_needs_only_numpy(tmp_path):
-    (tmp_path / "model.py").write_text(identified_module(arm()).text)
-    code = (
-        "import sys, numpy as np; sys.path.insert(0, '.'); import model\n"
-        "print(model.inverse_dynamics(np.zeros(3), np.zeros(3), np.zeros(3)).shape, 'dynident' in sys.modules)\n"
-        "try: model.gravity([1.0, 2.0])\nexcept ValueError as error: print(error)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines() == ["(3,) False", "expected arrays (3,) or (N, 3), alike, got (2,)"]
-
-
 @dataclass(frozen=True)
 class Cubic(PerJoint):
     symbol = "F3"
     law = "dq**3"
     words = "torque per dq^3"
-
-
-@dataclass(frozen=True)
-class Sway(Term):
-    """A mass that hangs on the last joint: ddq cos(q)."""
-
-    joints: tuple[Joint, ...]
-    parameters = (Parameter("sway", "kg m^2", "torque per cos(q) ddq"),)
-
-    def regressor(self, q, dq, ddq):
-        out = np.zeros((*q.shape, 1))
-        out[:, -1, 0] = np.cos(q[:, -1]) * ddq[:, -1]
-        return out
-
-    def partials(self, q, dq, ddq, theta):
-        raise NotImplementedError
-
-    def numpy_source(self, name, theta):
-        mask = [0.0] * (len(self.joints) - 1) + [float(theta[0])]
-        return f"def {name}(q, dq, ddq):\n    return np.array({mask}) * np.cos(q) * ddq\n"
-
-
-def test_terms_of_the_user_give_their_formula():
-    joints = (Joint("a"), Joint("b"), Joint("c"))
-    model = Model((Viscous(joints), Cubic(joints, on=("c", "a")), Sway(joints)))
-    rng = np.random.default_rng(0)
-    identified_model = IdentifiedModel(model, rng.normal(size=6))
-    states = random_states(3, rng, 50)
-    assert export(identified_model, Numpy(), states).ready
-    namespace = {}
-    exec(identified_module(identified_model).text, namespace)
-    expected = np.zeros((50, 3, 3))
-    expected[:, 2, 2] = identified_model.value[-1] * np.cos(states[0][:, 2])
-    np.testing.assert_allclose(namespace["mass_matrix"](states[0]), expected, atol=1e-12)
-    np.testing.assert_allclose(namespace["mass_matrix"](states[0][0]), expected[0], atol=1e-12)
 
 
 def test_a_wrong_formula_is_not_proven():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio
 import pytest
 
 from dynident.models import RigidBodies
@@ -27,21 +26,6 @@ def test_the_torque_is_that_of_the_arm_with_the_payload() -> None:
     assert check_payload_link(SIX, text, RigidBodies(SIX), added()) < 1e-9
     with pytest.raises(ModelError, match="loaded again, has another torque"):
         check_payload_link(SIX, text, RigidBodies(SIX), 1.01 * added())
-
-
-def test_the_torque_in_pinocchio_is_that_of_the_arm_with_the_payload() -> None:
-    bodies = RigidBodies(SIX)
-    peer = pinocchio.buildModelFromXML(with_payload_link(SIX, "arm_tool0", *BODY))
-    theta = np.array([parameter.value for parameter in bodies.parameters]) + added()
-    q, dq, ddq = np.random.default_rng(1).uniform(-3, 3, (3, 20, 6))
-    place = [peer.idx_qs[peer.getJointId(joint.name)] for joint in bodies.joints]
-    where = [peer.idx_vs[peer.getJointId(joint.name)] for joint in bodies.joints]
-    for states in zip(q, dq, ddq, bodies.torque(q, dq, ddq, theta), strict=True):
-        turned, speeds = pinocchio.neutral(peer), np.zeros((2, peer.nv))
-        turned[place], turned[np.add(place, 1)] = np.cos(states[0]), np.sin(states[0])  # continuous joints
-        speeds[:, where] = states[1:3]
-        torque = pinocchio.rnea(peer, peer.createData(), turned, *speeds)[where]
-        assert torque == pytest.approx(states[3], rel=1e-9, abs=1e-9)
 
 
 def test_all_else_is_preserved_and_names_are_free_ones() -> None:

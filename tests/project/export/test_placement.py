@@ -73,13 +73,6 @@ def test_bodies_at_the_edge_of_what_is_physical_take_what_they_can():
     assert all(consistency_violations(body) == () for body in edge.bodies[1])
 
 
-@pytest.mark.parametrize("armature", [True, False])
-def test_nothing_moves_where_nothing_is_to_be_gained(armature):
-    model = six_axes(rotors=np.zeros(6))
-    assert place_values(model, armature=armature) is model
-    assert place_values(six_axes(), armature=True).value.tolist() == six_axes().value.tolist()
-
-
 def test_a_file_has_its_own_error_on_the_logs():
     """Of a pendulum about the vertical axis all inertia is one parameter: a URDF loses the constant torque alone."""
     text = urdf(link("base"), link("arm", 2.0, (0.1, 0, 0), (0, 0, 0), np.diag([0.1, 0.1, 0.15])),

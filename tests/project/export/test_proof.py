@@ -47,17 +47,6 @@ def test_a_text_that_cannot_be_read_is_not_proven(exporter):
     assert all("cannot read it" in words or "can read neither" in words for words in told)
 
 
-def test_what_shapes_lack_is_not_printed_by_the_parser_of_pinocchio(capfd):
-    pytest.importorskip("pinocchio")
-    material = '<material name="blue"/>'
-    shape = f'<visual><geometry><box size="1 1 1"/></geometry>{material}</visual>'
-    robot = ARM.replace("<link", f"{material}<link", 1).replace("</inertial>", f"</inertial>{shape}", 1)
-    exporter, test_arm = Urdf(), arm(robot)
-    assert material in (written := exporter.write(test_arm)).text
-    assert "Pinocchio" in prove(written, test_arm, STATES, exporter).readers
-    assert capfd.readouterr() == ("", "")
-
-
 def test_a_failed_proof_is_a_refusal(monkeypatch):
     monkeypatch.setattr(Urdf, "write", lambda _, x: replace(identified_urdf(x), text=ARM))
     made = export(arm(), Urdf(), STATES)

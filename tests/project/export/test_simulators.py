@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +9,8 @@ import pytest
 
 from dynident.project.config import parse_config
 from dynident.project.export import Servo, export
-from dynident.project.export.identified import drives
-from dynident.project.export.servos import ranges, servos_of
-from dynident.project.export.simulators import Drake, DrakeDirectives, IsaacLab, PinocchioFile, read_literals
+from dynident.project.export.servos import servos_of
+from dynident.project.export.simulators import Drake, DrakeDirectives, IsaacLab, PinocchioFile
 from dynident.runtime import DynidentError
 from tests.project.export.arms import STATES, arm
 from tests.robots import ARM, ARM_MJCF
@@ -49,14 +46,6 @@ def test_the_size_of_what_is_left_out_is_said_where_it_is_no_rounding(offset, is
     assert any(note.startswith("what it leaves out is") for note in notes) == is_said
 
 
-def test_only_joints_whose_torque_is_left_out_are_named() -> None:
-    some = identified()
-    value = np.where([name.startswith("offset") for name in some.model.names], 0.0, some.value)
-    value[some.model.names.index("offset_rail")] = 0.3
-    notes = export(replace(some, value=value), PinocchioFile(), STATES).written.notes
-    assert any(note.endswith("over the states compared, 0.3 N at 'rail'") for note in notes)
-
-
 @pytest.mark.parametrize("exporter", [FORMATS[0], *FORMATS[2:]], ids=lambda exporter: exporter.format)
 def test_a_wrong_value_is_noticed(exporter):
     made = export(identified(), exporter, STATES)
@@ -72,14 +61,6 @@ def test_a_wrong_value_is_noticed(exporter):
         np.testing.assert_allclose(difference[:, 1], 0.1 * STATES[2][:, 1], atol=1e-9)
 
 
-def test_a_pinocchio_file_checks_itself_when_it_is_run(tmp_path):
-    path = tmp_path / "arm_pinocchio.py"
-    path.write_text(export(identified(), PinocchioFile(), STATES).written.text)
-    done = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "The torques of 5 states are as expected." in done.stdout
-
-
 def test_directives_weld_the_root_as_gravity_has_it():
     made = export(identified(), DrakeDirectives(), STATES)
     assert 'file: "package://dynident/robot.identified.drake.urdf"' in made.written.text
@@ -88,14 +69,6 @@ def test_directives_weld_the_root_as_gravity_has_it():
     for wrong in (made.written.text.replace("deg: [-12", "deg: [-13"), made.written.text.replace("arm::", "arm::x")):
         with pytest.raises(DynidentError, match="gravity differs"):
             reader(wrong, identified(), STATES)
-
-
-def test_drake_has_rotor_inertia_at_the_motor():
-    text = export(identified(), Drake(), STATES).written.text
-    shoulder = text[text.index("shoulder transmission") :]
-    assert '<drake:gear_ratio value="5.0"/>' in shoulder.partition("</transmission>")[0]
-    assert '<drake:controller_gains p="17.0" d="1.5"/>' in shoulder.partition("</transmission>")[0]
-    assert 'xmlns:drake="http://drake.mit.edu"' in text
 
 
 def test_an_actuator_of_the_file_is_used():
@@ -107,40 +80,6 @@ def test_an_actuator_of_the_file_is_used():
     assert made.ready, made.refusal
     assert made.written.text.count("<transmission") == 3
     assert 'value="9"' not in made.written.text
-
-
-@pytest.mark.parametrize("gravity", [(1.0, 2.0, -9.0), (9.0, 0.0, 0.0), (0.0, 0.0, 9.0)])
-def test_an_isaac_module_has_values_by_joint(gravity):
-    text = export(identified(gravity=gravity), IsaacLab(), STATES).written.text
-    values = read_literals(text)
-    assert values["URDF"] == "robot.identified.urdf"
-    assert values["STIFFNESS"]["shoulder"] == 17.0
-    assert values["EFFORT_LIMIT"] == {"shoulder": 3.0, "rail": 10.0}
-    assert values["DELAY"] == {"shoulder": 0.02}
-    assert values["RANGES"]["friction"]["rail"] == pytest.approx((2 - 0.0196, 2 + 0.0196))
-    assert values["GRAVITY"] == gravity
-    w, *v = values["BASE_ORIENTATION"]
-    assert np.linalg.norm((w, *v)) == pytest.approx(1)
-    # turned, gravity points down
-    down = gravity + 2 * np.cross(v, np.cross(v, gravity) + w * np.array(gravity))
-    np.testing.assert_allclose(down, [0, 0, -np.linalg.norm(gravity)], atol=1e-12)
-    compile(text, "isaac.py", "exec")
-
-
-def test_ranges_are_those_of_values_in_the_file():
-    identification = identified()
-    identification.std.flags.writeable = True
-    std = identification.std.copy()
-    std[identification.model.names.index("Fv_rail")] = np.inf
-    std[identification.model.names.index("Fc_rail")] = 5.0
-    values = {
-        (x.attribute, x.name): (x.low, x.high)
-        for x in ranges(replace(identification, std=std), drives(identification, armature=True))
-    }
-    assert ("damping", "rail") not in values
-    assert values["friction", "rail"] == pytest.approx((0.0, 2 + 1.96 * 5))
-    assert values["mass", "wrist"] == pytest.approx((3 - 0.0196, 3 + 0.0196))
-    assert ranges(replace(identification, std=None), drives(identification, armature=True)) == ()
 
 
 CONFIG = """

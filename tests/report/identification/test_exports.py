@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.models import from_physical
 from dynident.project.export import FileError, Urdf, export, random_states
 from dynident.report.identification.robot import export_notes, export_results, export_section
 from dynident.report.page import render
@@ -45,21 +44,8 @@ def test_what_is_left_out_has_its_cost() -> None:
     assert "3.25" not in page([replace(made, written=replace(made.written, left_out=()))])
 
 
-def test_a_refusal_is_shown() -> None:
-    made = export(arm(body=from_physical(-1.0, [0, 0, 0.1], np.eye(3))), Urdf(), STATES)
-    (result,) = export_results([made])
-    assert (result["proven"], result["agreement"], result["readers"]) == (False, None, {})
-    assert "negative mass" in result["refusal"]
-    assert "Not written: body" in page([made])
-    assert export_notes([made])[0].startswith("robot.identified.urdf is not written: body 'upper'")
-
-
 def test_names_are_escaped() -> None:
     text = ARM.replace('"twist"', '"&lt;b>twist"')
     made = export(arm(text), Urdf(), random_states(3, np.random.default_rng(0), 20))
     assert made.ready
     assert "<b>twist" not in page([replace(made, file="<b>twist.urdf")])
-
-
-def test_without_files_there_is_no_section() -> None:
-    assert list(export_section([])) == []

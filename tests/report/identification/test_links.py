@@ -7,31 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.estimators import PhysicallyConsistent
-from dynident.identification.links import BodyInertia, DeterminedBy, link_inertias
+from dynident.identification.links import BodyInertia, link_inertias
 from dynident.models.geometry import build_geometry
 from dynident.report.identification import parameters as module
-from dynident.report.identification.parameters import drawing_notes, link_section, link_title
+from dynident.report.identification.parameters import drawing_notes, link_section
 from dynident.report.page import PageTable
 from tests.report.robots import identified, tree
-
-
-def test_file_and_found_stand_side_by_side() -> None:
-    identification = identified(PhysicallyConsistent())
-    (section,) = link_section(identification)
-    mass, moments, by = (block for block in section.blocks if isinstance(block, PageTable))
-    assert [x.title for x in mass.columns[:4]] == ["link", "file", "found", "±"]
-    hand, reference = mass.rows[2], link_inertias(identification)[2]
-    assert hand[0] == "<b>hand"
-    assert hand[1] == "0.700"
-    assert float(hand[2]) == pytest.approx(reference.identified.mass, rel=5e-3)
-    assert float(hand[11].replace("−", "-")) == pytest.approx(1e3 * reference.identified.centre[2], rel=5e-3)
-    assert mass.rows[0][0] == "turret (+1)"
-    assert float(moments.rows[2][2]) == pytest.approx(reference.identified.moments[0], rel=5e-3)
-    assert moments.rows[0][3] == "open"  # the error of what the prior has chosen is not known
-    kinds = (DeterminedBy.DATA, DeterminedBy.PRIOR)
-    for row, link in zip(by.rows, link_inertias(identification), strict=True):
-        assert [int(x) for x in row[1:]] == [link.by.get(kind, 0) for kind in kinds]
 
 
 def test_what_is_sure_in_part_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -60,8 +41,3 @@ def test_shapes_that_are_not_known_are_named() -> None:
     rods, missing = drawing_notes(geometry)
     assert rods == "Drawn as rods between the joints, as their shapes are not known: slide, <b>hand, finger."
     assert missing == "Meshes that could not be read: missing.stl (there is no such file)."
-
-
-def test_links_that_are_one_body() -> None:
-    assert link_title(["hand"]) == "hand"
-    assert link_title(["hand", "finger", "camera"]) == "hand (+2)"

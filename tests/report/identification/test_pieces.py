@@ -23,13 +23,6 @@ def test_residuals_are_relative_to_the_torque_of_all_pieces() -> None:
     np.testing.assert_allclose(pieces(100.0).relative_error, [100 * np.sqrt(7 / 400), 10.0])
 
 
-def test_long_ones_are_in_hours_and_recordings_apart() -> None:
-    figure = pieces_figure(pieces(3600.0, ("monday", "monday", "<b>tuesday", "<b>tuesday")), ("one", "two"))
-    assert figure.layout["xaxis"]["title"] == {"text": "time, h"}
-    assert [len(x["x"]) for x in figure.data] == [2, 2, 2, 2]
-    assert "<b>" not in figure.json()
-
-
 def test_a_joint_without_torque_has_no_curve() -> None:
     given = pieces(100.0)
     none = Pieces(given.recording, given.begins, given.ends, given.rows, given.torque * [1, 0], given.residual)

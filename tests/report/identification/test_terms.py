@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import numpy as np
 import pytest
 
 from dynident.identification import Calibration
 from dynident.identification.terms import TermChoice, TermTrial, TrialOutcome
 from dynident.models import Joint
 from dynident.models.friction import Coulomb, Offset, Viscous
-from dynident.report.identification import identification_page, identification_tables
+from dynident.report.identification import identification_page
 from dynident.report.identification.figures import trial_figure
-from dynident.report.identification.terms import OUTCOMES, choice_comments, term_section, term_table
+from dynident.report.identification.terms import OUTCOMES, choice_comments, term_section
 from tests.report.test_page import EVIL
 
 
@@ -43,13 +40,6 @@ def test_every_outcome_has_words():
     assert OUTCOMES.keys() == set(TrialOutcome)
 
 
-def test_a_row_per_joint_has_errors_and_gains(chosen):
-    first, second = term_table(chosen.calibration.terms).rows
-    assert first[1:] == ("offset, viscous, coulomb (width 0.0100, gain 90.0 +- 16)", "5.00", "8.00")
-    assert second[1:] == ("offset", "3.00", "3.00")
-    assert term_table(chosen.calibration.terms) in identification_tables(chosen)
-
-
 def test_the_page_has_a_figure_per_joint_and_all_that_was_tried(chosen, identification):
     (section,) = term_section(chosen)
     _, _, gallery, fold = section.blocks
@@ -62,39 +52,10 @@ def test_the_page_has_a_figure_per_joint_and_all_that_was_tried(chosen, identifi
     assert list(term_section(identification)) == []
 
 
-def test_a_figure_marks_what_entered_and_shows_gains_however_bad_others_are(chosen):
-    figure = trial_figure(chosen.calibration.terms.trials[:3], OUTCOMES)
-    entered = next(x for x in figure.data if x["name"] == "entered")
-    assert entered["marker"]["symbol"] == "circle"
-    assert entered["error_x"]["array"].tolist() == [16.0]
-    refused = [x for x in figure.data if x["name"].startswith("refused")]
-    assert {x["marker"]["symbol"] for x in refused} == {"circle-open"}
-    lower, upper = figure.layout["xaxis"]["range"]
-    assert -100.0 < lower < 0.0 < 95.0 < upper
-    assert "yaxis" in figure.layout
-    figure.figure()
-
-
-def test_a_figure_of_bad_gains_alone_can_be_drawn():
-    trials = [
-        TermTrial("a", "rotor", (), np.nan, np.nan, TrialOutcome.NOT_EXCITED),
-        TermTrial("a", "b", (), -3.0, 1.0, TrialOutcome.NEGATIVE),
-    ]
-    lower, upper = trial_figure(trials, OUTCOMES).layout["xaxis"]["range"]
-    assert lower < 0 < upper
-
-
 def test_names_are_escaped(chosen):
     case = TermTrial(EVIL, EVIL, (), 1.0, 1.0, TrialOutcome.ENTERED)
     figure = trial_figure([case], OUTCOMES)
     assert EVIL not in figure.json()
-
-
-def test_too_few_samples_leave_no_section(chosen):
-    plain = replace(chosen.calibration.terms, trials=())
-    result = changed(chosen, Calibration(terms=plain))
-    assert list(term_section(result)) == []
-    assert term_table(chosen.calibration.terms) not in identification_tables(result)
 
 
 def test_comments_name_the_gains_and_the_errors(chosen):

@@ -11,7 +11,7 @@ from dynident.identification import Remedy, judge
 from dynident.identification.verdict_steps import HoldOutFaster
 from dynident.models.simulation import Broken
 from dynident.report.identification import identification_page, report
-from dynident.report.identification.report import next_step_texts, verdict_text
+from dynident.report.identification.report import next_step_texts
 from dynident.validation import Driver
 from tests.report.conftest import identification_of
 from tests.report.test_page import EVIL
@@ -26,14 +26,6 @@ def run(name="reach.csv", joints=("shoulder", "elbow"), failure=None):
         driver=Driver.TORQUE, restart=0.5, relative_error=each, motion_error=each, rms=each, torque_error={},
         failure=failure,
     )  # fmt: skip
-
-
-def test_the_terminal_says_it_in_one_paragraph():
-    identification = identification_of(logs=("swing.csv",))
-    words, steps = verdict_text(identification), next_step_texts(identification)
-    assert words.startswith("Verdict: Do not use this model yet: no log was held out.")
-    assert "\n" not in words
-    assert steps[0].startswith("Record another motion")
 
 
 def test_the_terminal_gives_remedies_and_the_largest_gains(monkeypatch):

@@ -22,12 +22,10 @@ import polars as pl
 import pytest
 
 import dynident
-from dynident._version import __version__
 from dynident.apps.article import LEVELS, METHODS, SCENARIOS, run_study
 from dynident.runtime import InputError
 from dynident.runtime.jobs import Status, cluster, run_jobs
-from dynident.runtime.jobs import cluster as module
-from dynident.runtime.jobs.cluster import cluster_workers, software, software_differences
+from dynident.runtime.jobs.cluster import cluster_workers, software_differences
 from tests.cli.commands import succeed
 from tests.runtime.jobs.dask_cluster import DaskCluster, dask_scheduler
 from tests.runtime.jobs.work import HANGS, Noise, by_job, sleeps, slow_process, threads
@@ -184,29 +182,6 @@ class TestAddress:
     def test_that_of_a_worker(self, running: DaskCluster) -> None:
         worker = running.require_workers(2)[0]
         assert refused(worker) == f"at {worker} is no Dask scheduler but a Worker; its scheduler is {running.address}."
-
-
-def test_what_decides_the_numbers_is_named() -> None:
-    result = software()
-    assert result["numpy"] == np.__version__
-    assert result["Python"] == f"{sys.version_info[0]}.{sys.version_info[1]}"
-    assert result["dynident"] == __version__
-    assert re.fullmatch("[0-9a-f]{12}", result["the code of dynident"])
-    assert software_differences(result, {"there": result}) == []
-
-
-def test_the_code_is_that_of_all_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "PACKAGE_FOLDER", tmp_path)
-    (tmp_path / "a.py").write_bytes(b"x = 1\ny = 2\n")
-    (tmp_path / "b").mkdir()
-    first = module.code_digest()
-    (tmp_path / "a.py").write_bytes(b"x = 1\r\ny = 2\r\n")
-    (tmp_path / "notes.txt").touch()
-    assert module.code_digest() == first
-    (tmp_path / "b" / "c.py").touch()
-    second = module.code_digest()
-    (tmp_path / "b" / "c.py").rename(tmp_path / "b" / "d.py")
-    assert len({first, second, module.code_digest()}) == 3
 
 
 def test_each_difference_is_said_with_its_places() -> None:

@@ -21,7 +21,7 @@ from dynident.runtime.jobs import engine as batch
 from dynident.runtime.jobs import engine as pace
 from dynident.runtime.jobs.engine import Batch, BatchReport, Pace, run_batch
 from dynident.runtime.jobs.job import pack, unpack
-from tests.runtime.jobs.work import Noise, Stranger, Trouble, budget, by_job, process, sleeps
+from tests.runtime.jobs.work import Noise, Stranger, Trouble, budget, by_job
 
 EXECUTORS: dict[str, Callable[[], AbstractContextManager[Executor | None]]] = {
     "alone": nullcontext,
@@ -106,12 +106,6 @@ def test_the_function_goes_with_the_first_batches_and_to_who_lacks_it(noise: Noi
     assert [executor.batches[number].jobs for number in full[2:]] == [x.jobs for x in executor.batches[9:13]]
 
 
-def test_a_worker_remembers_few_functions() -> None:
-    for number in range(20):
-        list(run_jobs(Noise(np.full((1, 1), number)), [0], Direct()))
-    assert len(batch._FUNCTIONS) == batch.MAX_CACHED_FUNCTIONS
-
-
 def test_a_batch_that_the_executor_loses_is_tried_job_by_job() -> None:
     """As Dask does where three workers have died of it."""
 
@@ -165,21 +159,6 @@ def test_what_only_this_process_knows(executor: Executor | None) -> None:
     assert {outcome.value for outcome in run_jobs(lambda job: factor * job, range(4), executor)} == {0, 3, 6, 9}
 
 
-def test_two_runs_on_one_executor() -> None:
-    with local_workers(2) as executor:
-        first, second = run_jobs(abs, range(300), executor), run_jobs(sleeps, [0.0] * 300, executor)
-        both = list(zip(first, second, strict=True))
-    assert sorted(x.job for x, _ in both) == list(range(300))
-    assert {x.value for _, x in both} == {0.0}
-
-
-def test_a_run_that_is_left_leaves_the_executor_usable() -> None:
-    with local_workers(2) as executor:
-        for _ in run_jobs(process, range(1000), executor):
-            break
-        assert len(list(run_jobs(process, range(100), executor))) == 100
-
-
 @pytest.mark.parametrize("jobs", [2, 3])
 def test_so_many_batches_may_fail_before_any_is_done(jobs: int) -> None:
     """Fewer are jobs that fail: what fails with three may be the workers."""
@@ -218,34 +197,11 @@ def test_little_is_lost(seconds: float, lost: float) -> None:
         assert len(sizes) * lost < 0.06 * work
 
 
-def test_sizes_begin_with_one_and_double() -> None:
-    assert run(10_000, 1e-3, 1e-3)[:8] == [1, 2, 4, 8, 16, 32, 64, 128]
-
-
 def test_workers_end_at_about_the_same_time() -> None:
     sizes = run(1000, 0.01, 0.5)
     assert sum(sizes) == 1000
     assert sizes[-1] == 1
     assert all(size <= 1 + sum(sizes[number:]) / 4 for number, size in enumerate(sizes))
-
-
-def test_long_jobs_go_alone() -> None:
-    assert run(20, 30.0, 5.0) == [1] * 20
-
-
-def test_one_slow_answer_changes_nothing() -> None:
-    result = Pace(1)
-    for number in range(40):
-        result.record_batch(0, 10, 0.1, 60.0 if number == 20 else 1e-3)
-    assert result.size() == 20
-
-
-def test_more_workers_than_expected() -> None:
-    result = Pace(2)
-    assert result.ahead == 4
-    for number in range(50):
-        result.record_batch(number, 1, 1.0, None)
-    assert result.ahead == 100
 
 
 CODE = "from dataclasses import dataclass\n\n\n@dataclass(frozen=True)\nclass Mine:\n    gain: float\n"

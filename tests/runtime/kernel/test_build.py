@@ -7,7 +7,6 @@ import os
 import shutil
 import subprocess
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -15,17 +14,7 @@ import pytest
 
 import dynident
 from dynident.runtime.kernel import build
-from dynident.runtime.kernel.build import (
-    FILE,
-    LEVELS,
-    RECORD,
-    BuildError,
-    architecture,
-    compilers,
-    digest,
-    make,
-    record,
-)
+from dynident.runtime.kernel.build import FILE, LEVELS, RECORD, BuildError, architecture, compilers, make, record
 
 PACKAGE = Path(dynident.__file__).parent
 TINY = """
@@ -98,14 +87,6 @@ def test_the_same_sources_give_the_same_bytes_wherever_they_are_compiled(tiny: P
     assert str(tmp_path).encode() not in content
 
 
-@needs_compiler
-def test_two_may_compile_at_the_same_time(tiny: Path) -> None:
-    with ThreadPoolExecutor(3) as pool:
-        list(pool.map(make, [tiny / FILE] * 3))
-    assert {path.name for path in tiny.iterdir()} == {FILE, RECORD}
-    assert (tiny / RECORD).read_text() == record((tiny / FILE).read_bytes())
-
-
 def test_without_a_compiler_it_says_so(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tiny))
     monkeypatch.delenv("CC", raising=False)
@@ -157,32 +138,3 @@ def test_a_command_in_cc_that_cannot_be_read_is_said(tiny: Path, monkeypatch: py
     monkeypatch.setenv("CC", "gcc 'unfinished")
     with pytest.raises(BuildError, match='CC is "gcc \'unfinished": No closing quotation'):
         make(tiny / FILE)
-
-
-@needs_compiler
-def test_a_folder_that_cannot_be_written_to_is_an_oserror(tiny: Path) -> None:
-    with pytest.raises(OSError, match="absent"):
-        make(tiny / "absent" / FILE)
-
-
-def test_the_digest_is_of_the_sources_whatever_ends_their_lines(tiny: Path) -> None:
-    path = build.FOLDER / "tiny.c"
-    before = digest()
-    path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n"))
-    assert digest() == before
-    path.write_text(path.read_text() + "\n")
-    assert digest() != before
-
-
-@pytest.mark.parametrize(
-    ("machine", "expected"), [("AMD64", "x86_64"), ("arm64", "aarch64"), ("aarch64", "aarch64"), ("riscv64", "")]
-)
-def test_machines_have_their_levels(machine: str, expected: str) -> None:
-    assert architecture(machine) == expected
-    assert LEVELS[expected]
-
-
-@needs_compiler
-def test_an_unknown_machine_has_the_scalar_level(tiny: Path) -> None:
-    make(tiny / FILE, machine="riscv64")
-    assert b"dynident_product_scalar\0" in (tiny / FILE).read_bytes()

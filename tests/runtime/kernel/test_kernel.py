@@ -54,23 +54,6 @@ def forget() -> None:
     function.cache_clear()
 
 
-def test_what_was_compiled_is_used(installed: Path) -> None:
-    result = kernel()
-    assert result.level in {"sse2", "avx2", "avx512", "neon", "scalar"}
-    assert result.about.startswith(("GCC ", "Clang "))
-    assert str(result) == f"{result.level} ({result.about})"
-
-
-def test_every_level_of_this_cpu_can_be_asked_for(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    library, result = loader._select_kernel()
-    levels = loader._levels(library)
-    assert levels[-1] == result.level
-    for level in levels:
-        monkeypatch.setenv(loader.VARIABLE, f" {level.upper()} ")
-        forget()
-        assert kernel().level == level
-
-
 def test_a_level_that_this_cpu_does_not_have_is_refused(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In place of this one, a CPU whose best level is the least."""
     least = loader._levels(loader._select_kernel()[0])[0]
@@ -134,11 +117,6 @@ def test_numpy_serves_where_the_library_cannot_be_trusted(
     forget()
     with pytest.raises(ConfigError, match=f"'avx2', but the kernel is {said}"):
         kernel()
-
-
-def test_a_function_that_no_source_has_is_a_fault(installed: Path) -> None:
-    with pytest.raises(AttributeError, match="dynident_nothing_"):
-        function("nothing")
 
 
 def test_the_library_is_that_of_the_package_alone(tmp_path: Path) -> None:
@@ -223,12 +201,6 @@ def use_all(library: Path, **variables: str) -> None:
     least, best = done.stdout.split()
     assert least == LEAST
     assert best != "None"
-
-
-def test_what_memory_held_before_does_not_matter() -> None:
-    if loader._load_library()[0] is None:
-        pytest.skip("the kernel is not compiled")
-    use_all(loader.LIBRARY)
 
 
 def sanitizers() -> list[str]:

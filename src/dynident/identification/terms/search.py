@@ -339,18 +339,17 @@ class JointSearch:
         good = [k for k, result in enumerate(results) if result.trial.outcome is TrialOutcome.ENTERED]
         if not good:
             return results
-        at = [results[k].entered.group.at for k in good]
-        division = self.division
-        beyond = [division.further, *([] if division.logs is None else [division.logs])]
-        fits = [try_groups(candidates, folds, self.columns, at) for folds in beyond]
-        slow = try_groups(candidates, division.faster, self.columns, at)
+        at, division = [results[k].entered.group.at for k in good], self.division
+        logs = None if division.logs is None else try_groups(candidates, division.logs, self.columns, at)
+        parts = [(part, try_groups(candidates, part, self.columns, at)) for part in (division.faster, division.further)]
         for g, k in enumerate(good):
             kind, outcome = results[k].entered.group.kind, TrialOutcome.ENTERED
-            elsewhere = [gain_share(fit.before - fit.after[:, g], fit.before) for fit in fits]
-            chosen = [at[g][size] for size in slow.best[:, g].tolist()]
-            faster = gain_share(*transfer_gains(
-                candidates, division.blocks, division.faster.test, self.columns, (chosen, slow.values[g])
-            ))  # fmt: skip
+            # Only the trial's coefficients are of the slow or inner samples: with those of bodies all would be far off.
+            faster, further = (
+                gain_share(*transfer_gains(candidates, division.blocks, part.test, self.columns, fit.group(g, at[g])))
+                for part, fit in parts
+            )
+            elsewhere = [further, *([] if logs is None else [gain_share(logs.before - logs.after[:, g], logs.before)])]
             if not _is_presumed(kind, self.entered):
                 outcome = _outcome_elsewhere(kind, faster, elsewhere)
             trial = replace(results[k].trial, outcome=outcome, faster=faster[0], faster_std=faster[1])

@@ -263,3 +263,11 @@ def test_unknowns_that_act_alike_share_their_standard_error() -> None:
     alike = line * np.array([1.0, 1.0 + 1e-13])
     (alone,) = calibration_std([line], [residual], regression)
     assert calibration_std([alike], [residual], regression) == pytest.approx([alone / 2, alone / 2], rel=1e-6)
+
+
+def test_joints_that_the_model_explains_well_show_the_tilt() -> None:
+    model, motion = tilted(0.05, -0.04)
+    wave = 1.5 * np.sin(25.0 * motion.t)[:, None] * [0.0, 0.0, 1.0]  # N m: that the model lacks at the last joint
+    tilt = find_base_tilt(model, [replace(motion, tau=motion.tau + wave)], LeastSquares(weights="per_joint"))
+    assert (tilt.x, tilt.y) == pytest.approx((0.05, -0.04), abs=3e-3)
+    assert max(tilt.std) < 4e-3

@@ -155,3 +155,11 @@ def test_a_gravity_that_was_set_is_kept() -> None:
     side = model.with_gravity(lambda _: (0.0, 9.81, 0.0))
     tilt = find_base_tilt(side, [motion], PhysicallyConsistent())
     assert max(abs(tilt.x), abs(tilt.y)) < 0.2
+
+
+def test_joints_that_the_model_explains_well_show_the_tilt() -> None:
+    model, motion = tilted(0.05, -0.04)
+    wave = 1.5 * np.sin(25.0 * motion.t)[:, None] * [0.0, 0.0, 1.0]  # N m: that the model lacks at the last joint
+    tilt = find_base_tilt(model, [replace(motion, tau=motion.tau + wave)], LeastSquares(weights="per_joint"))
+    assert (tilt.x, tilt.y) == pytest.approx((0.05, -0.04), abs=3e-3)
+    assert max(tilt.std) < 4e-3

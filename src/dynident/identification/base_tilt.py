@@ -13,8 +13,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.estimators import Estimator, Problem
-from dynident.estimators.least_squares import solve_least_squares
+from dynident.estimators import Estimate, Estimator, Problem
+from dynident.estimators.least_squares import joint_weights, solve_least_squares
 from dynident.identification.calibration_std import calibration_std
 from dynident.identification.cross_validation import FOLDS, Gain, factors_by_fold, gain_from_errors, prediction_errors
 from dynident.identification.mounting import find_mounting, tilt_base
@@ -40,6 +40,7 @@ MAX_AFFINE_ERROR = 1e-10  # of the largest entry: to what the rows must be affin
 MIN_GAIN = 2.0  # % of the squared cross-validated error that a tilt must remove
 STRETCHES_PER_FOLD = 8  # of each motion, in a fold
 EDGE_SHARE = 0.1  # share of a stretch left out at either end
+WEIGHT_ITERATIONS = 5  # of the weights of the joints
 START_TILT = 1e-3  # rad: at zero tilt, masses that act only through a tilt have no effect
 
 
@@ -137,34 +138,39 @@ def _search_tilt(
 ) -> tuple[tuple[float, float], tuple[float, float], Callable[[float, float], float]]:
     """Return the best tilt (rad), its standard errors, and a function giving the training error (%) at a tilt.
 
-    The search begins ``start`` away from ``mounting``; a component within two standard errors of that is set to it.
+    The search begins ``start`` away from ``mounting``, with the weights of the joints that the estimator has there; a
+    component within two standard errors of ``mounting`` is set to it.
     """
     from scipy.optimize import least_squares
 
     quick_estimator = estimator.quick()
     entries_at = _affine_entries(tilt_base(model, START_TILT, START_TILT), thin, selection)
 
-    def residual(tilt: Array) -> Array:
-        """Return the torque residual of the fit with the base tilted this much."""
+    def fit(tilt: Array) -> tuple[list[EntryBlock], Estimate]:
+        """Return the rows with the base tilted this much, and the fit to them."""
         tilted_model = tilt_base(model, *tilt)
         regression = Regression(tilted_model, thin, selection.unfiltered)
         # few rows, needed twice: for the factors and for the residual
         blocks = list(regression.entries() if entries_at is None else entries_at(_term_gravity(tilted_model)))
         regression = regression.with_factors(factorise(blocks, blocks[0].structure))
-        value = quick_estimator(Problem(tilted_model, thin, regression)).value
-        parts = [(block.tau - block.torque(value)) * block.used for block in blocks]
-        return np.concatenate(parts, axis=1).ravel()
+        return blocks, quick_estimator(Problem(tilted_model, thin, regression))
+
+    def residual(tilt: Array) -> Array:
+        """Return the torque residual (n, N) of the fit."""
+        blocks, estimate = fit(tilt)
+        return np.concatenate([(block.tau - block.torque(estimate.value)) * block.used for block in blocks], axis=1)
 
     torque = float(np.sqrt(sum(float(np.sum(motion.tau[motion.mask] ** 2)) for motion in thin)))
     # The start is off zero and the steps are coarse: the residual is that of a full fit and not smooth to rounding.
     settings = {"diff_step": 0.1, "x_scale": 0.01, "xtol": 1e-3, "ftol": 1e-4, "max_nfev": 20}
-    solution = least_squares(lambda tilt: residual(tilt + mounting), start, **settings)
+    n, (_, estimate) = len(model.joints), fit(np.add(start, mounting))
+    weights = np.ones(n) if estimate.residual.weights is None else estimate.residual.weights
+    solution = least_squares(lambda tilt: (weights[:, None] * residual(tilt + mounting)).ravel(), start, **settings)
     # rows of both are by joint; the samples of a motion follow each other
-    n = len(model.joints)
     lines, e = solution.jac.reshape(n, -1, 2), solution.fun.reshape(n, -1)
     ends = np.cumsum([len(motion) for motion in thin])[:-1]
     regression = Regression(tilt_base(model, *(solution.x + mounting)), thin, selection.unfiltered)
-    std = calibration_std(np.split(lines, ends, axis=1), np.split(e, ends, axis=1), regression)
+    std = calibration_std(np.split(lines, ends, axis=1), np.split(e, ends, axis=1), regression, weights)
     x, y = (float(v) for v in mounting + solution.x * (np.abs(solution.x) > 2.0 * std))
 
     def error(x: float, y: float) -> float:
@@ -211,16 +217,22 @@ class _TiltGain:
         )
         gain = gain_from_errors(prediction_errors(level, level), prediction_errors(tilted, tilted))
         merged_tilted, merged_level = merge_factors(tilted), merge_factors(level)
-        best = solve_least_squares(merged_tilted.stack()).value[directions.shape[1] :] + tilt
+        weights = joint_weights(merged_tilted, "per_joint", WEIGHT_ITERATIONS)
+        factor = merged_tilted.stack(weights)
+        best = solve_least_squares(factor).value[directions.shape[1] :] + tilt
         error = training_error(merged_level, solve_least_squares(merged_level.stack()).value)
-        find_std = partial(_linear_std, regression, slopes, directions, merged_tilted.stack(), selection)
+        find_std = partial(_linear_std, regression, slopes, directions, factor, selection, weights)
         return cls(gain, best, error, find_std)
 
 
 def _linear_std(
-    regression: Regression, slopes: Sequence[Array], directions: Array, factor: Array, selection: Selection
-) -> Array:
-    """Return the standard errors (2) of a tilt whose ``slopes`` are columns of the ``factor`` beside the directions."""
+    regression: Regression, slopes: Sequence[Array], directions: Array, factor: Array, selection: Selection,
+    weights: Array,
+) -> Array:  # fmt: skip
+    """Return the standard errors (2) of a tilt whose ``slopes`` are columns of the ``factor`` beside the directions.
+
+    ``weights`` (n) are those of the joints in the factor.
+    """
     model = regression.model
     r = directions.shape[1]
     fit = solve_least_squares(factor)
@@ -228,13 +240,13 @@ def _linear_std(
     shared = directions @ np.linalg.lstsq(factor[:r, :r], factor[:r, r : r + 2], rcond=None)[0]
     lines, residuals = [], []
     for motion, slope in zip(regression.motions, slopes, strict=True):
-        states, used = motion.states(), fitted_mask(motion, selection.min_speed).T
+        states, used = motion.states(), fitted_mask(motion, selection.min_speed).T * weights[:, None]
         lines.append(
             np.stack([(slope[k] - model.torque(**states, theta=shared[:, k])).T * used for k in range(2)], axis=2)
         )
         torque = model.torque(**states, theta=directions @ fit.value[:r]) + np.tensordot(fit.value[r:], slope, 1)
         residuals.append((motion.tau - torque).T * used)
-    return calibration_std(lines, residuals, regression)
+    return calibration_std(lines, residuals, regression, weights)
 
 
 def _project_factors(triangular: TriangularFactors, directions: Array) -> TriangularFactors:

@@ -19,14 +19,18 @@ MIN_EFFECT = 1e-9  # of the torque (norm), by a change of one rad or s: less is 
 MIN_EIGENVALUE = 1e-10  # of columns of norm one, as a share of the largest: directions below it cannot be told
 
 
-def calibration_std(lines: Sequence[Array], residuals: Sequence[Array], regression: Regression) -> Array:
+def calibration_std(
+    lines: Sequence[Array], residuals: Sequence[Array], regression: Regression, weights: Array | None = None
+) -> Array:
     """Return the standard errors (k) of unknowns where residuals are correlated: of A^-1 S A^-1.
 
     ``lines`` (n, N, k) are the derivatives of the ``residuals`` (n, N) of each motion by the unknowns, from which all
-    other parameters are eliminated; ``regression`` is that at their values. Infinite for unknowns without effect.
+    other parameters are eliminated, both times the ``weights`` (n, by default one) of the joints; ``regression`` is
+    that at their values, without weights. Infinite for unknowns without effect.
     """
+    w = np.ones(len(regression.model.joints)) if weights is None else weights
     size = np.sqrt(np.sum([np.square(line).sum(axis=(0, 1)) for line in lines], axis=0))
-    torque = np.sqrt(sum(float(np.sum(motion.tau[motion.mask] ** 2)) for motion in regression.motions))
+    torque = np.sqrt(sum(float(np.sum((w * motion.tau[motion.mask]) ** 2)) for motion in regression.motions))
     acts = size > MIN_EFFECT * torque
     std = np.full(len(size), np.inf)
     if not acts.any():
@@ -39,7 +43,7 @@ def calibration_std(lines: Sequence[Array], residuals: Sequence[Array], regressi
     for j, (v, rho) in enumerate(_noise_of(regression)):
         for line in lines:
             sums = line[j].T @ one_pole_filter(rho, line[j].T).T
-            coloured += v * (sums + sums.T - line[j].T @ line[j])
+            coloured += w[j] ** 2 * v * (sums + sums.T - line[j].T @ line[j])
     inverse = np.linalg.pinv(A, rcond=MIN_EIGENVALUE, hermitian=True)
     variances = [np.diag(inverse @ part @ inverse) for part in (S, coloured)]
     std[acts] = np.sqrt(np.maximum(np.max(variances, axis=0), 0.0)) / size[acts]

@@ -100,3 +100,8 @@ def dahl(t: Array, q: Array, dq: Array, load: Array) -> Array:
 def ripple(t: Array, q: Array, dq: Array, load: Array) -> Array:
     """Ripple of 32 cycles in a turn."""
     return coulomb(t, q, dq, load) + 0.3 * np.sin(32 * q + 0.4)
+
+
+def ripple_and_bump(t: Array, q: Array, dq: Array, load: Array) -> Array:
+    """Less ripple, and a torque at some positions that no term describes."""
+    return coulomb(t, q, dq, load) + 0.1 * np.sin(32 * q + 0.4) + 0.5 * np.exp(-3 * np.abs(q - 1))

@@ -45,6 +45,12 @@ def test_shape_constants_are_those_of_the_law() -> None:
     assert rates == pytest.approx([32.0] * 3, rel=0.005)  # right also where the motion did not go
 
 
+def test_ripple_is_not_refuted_by_what_else_is_wrong_further_out() -> None:
+    choice = choose_terms(Model((bodies(),)), [recorded(simulated.ripple_and_bump, 3, rows=1200)], kinds=PLAIN)
+    (term,) = (term for term in choice.terms if isinstance(term, Ripple))
+    assert term.acts_on == ("j1", "j2", "j3")
+
+
 def test_a_width_that_is_passed_within_a_sample_is_no_friction(monkeypatch: pytest.MonkeyPatch) -> None:
     def widths(*, min_speed: bool) -> list[float]:
         choice = choose_terms(Model((bodies(),)), [recorded(simulated.averaged, 1, noise=0.1)], kinds=PLAIN)

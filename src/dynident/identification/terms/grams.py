@@ -131,6 +131,10 @@ class TrialFits(Noun):
     values: tuple[Array, ...]
     independent: NDArray[np.bool_]
 
+    def group(self, g: int, sizes: Sequence[Sequence[int]]) -> tuple[list[Sequence[int]], Array]:
+        """Return the columns of the best size of group g, which has these sizes, in each fold, and their values."""
+        return [sizes[size] for size in self.best[:, g].tolist()], self.values[g]
+
 
 def eliminate_columns(gram: Array, keep: int, drop: Sequence[int]) -> tuple[Array, Array]:
     """Return normal matrix (..., keep, keep) and right side of the first columns, with those in ``drop`` eliminated."""

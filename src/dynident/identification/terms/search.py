@@ -26,6 +26,7 @@ from dynident.models.friction import DryFriction
 from dynident.runtime import Noun, brief
 from dynident.runtime.arrays import Array
 
+Share = tuple[float, float]  # %, of a gain in the squared error, and its standard error
 MIN_GAIN = 1.0  # %, of the squared error: what a term must remove
 # %: gain of a term of the plain set that is needless, and two standard errors above it
 NEGLIGIBLE_GAIN, MAX_IDLE_GAIN = 0.5, 2.0
@@ -339,34 +340,33 @@ class JointSearch:
         good = [k for k, result in enumerate(results) if result.trial.outcome is TrialOutcome.ENTERED]
         if not good:
             return results
-        at = [results[k].entered.group.at for k in good]
-        division = self.division
-        beyond = [division.further, *([] if division.logs is None else [division.logs])]
-        fits = [try_groups(candidates, folds, self.columns, at) for folds in beyond]
-        slow = try_groups(candidates, division.faster, self.columns, at)
+        at, division = [results[k].entered.group.at for k in good], self.division
+        logs = None if division.logs is None else try_groups(candidates, division.logs, self.columns, at)
+        parts = [(part, try_groups(candidates, part, self.columns, at)) for part in (division.faster, division.further)]
         for g, k in enumerate(good):
             kind, outcome = results[k].entered.group.kind, TrialOutcome.ENTERED
-            elsewhere = [gain_share(fit.before - fit.after[:, g], fit.before) for fit in fits]
-            chosen = [at[g][size] for size in slow.best[:, g].tolist()]
-            faster = gain_share(*transfer_gains(
-                candidates, division.blocks, division.faster.test, self.columns, (chosen, slow.values[g])
-            ))  # fmt: skip
+            # Only the trial's coefficients are of the slow or inner samples: those of bodies there may be far off.
+            faster, further = (
+                gain_share(*transfer_gains(candidates, division.blocks, part.test, self.columns, fit.group(g, at[g])))
+                for part, fit in parts
+            )
+            refits = [gain_share(fit.before - fit.after[:, g], fit.before) for fit in (parts[1][1], logs) if fit]
             if not _is_presumed(kind, self.entered):
-                outcome = _outcome_elsewhere(kind, faster, elsewhere)
+                outcome = _outcome_elsewhere(kind, faster, further, *refits)
             trial = replace(results[k].trial, outcome=outcome, faster=faster[0], faster_std=faster[1])
             results[k] = replace(results[k], trial=trial)
         return results
 
 
-def _outcome_elsewhere(
-    kind: CandidateKind, faster: tuple[float, float], elsewhere: Sequence[tuple[float, float]]
-) -> TrialOutcome:
-    """Return whether a kind holds on faster motion, further out and in other recordings, by its gains there."""
-    further, *logs = elsewhere
+def _outcome_elsewhere(kind: CandidateKind, faster: Share, further: Share, refit: Share, *logs: Share) -> TrialOutcome:
+    """Return whether a kind holds on faster motion, further out and in other recordings, by its gains there.
+
+    Further out one of two suffices: with all else of all samples, and with a ``refit`` of all to the inner ones.
+    """
     # Loss beyond its standard errors refutes, strict kinds already at one of them; so does a lack of fast samples.
     if faster == (0.0, 0.0) or faster[0] < -(MAX_FASTER_LOSS if not kind.strict else 1.0) * faster[1]:
         return TrialOutcome.REFUTED_FASTER
-    if kind.reaches and further[0] < max(MIN_GAIN, further[1]):
+    if kind.reaches and all(gain < max(MIN_GAIN, std) for gain, std in (further, refit)):
         return TrialOutcome.REFUTED_FURTHER
     return TrialOutcome.REFUTED_BY_LOG if any(gain < 0 for gain, _ in logs) else TrialOutcome.ENTERED
 

@@ -32,6 +32,8 @@ from tests.robots import ARM
 
 pytest.importorskip("dash")
 
+from dynident.apps.tuning.answers import Page
+
 
 @pytest.fixture
 def session(arm: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
@@ -63,6 +65,9 @@ def test_two_tabs_do_not_replace_what_the_other_saved(session: Session, arm: Ben
         assert session.save(start, "a") == path.with_name("arm-tuned.yaml")
         assert session.save(tuned, "b") == path.with_name("arm-tuned-2.yaml")
     assert path.with_name("arm-tuned.yaml").read_text() == f"arm-tuned.yaml {start}"
+    assert Page(session).save(1, "", "a") == ("Saved in arm-tuned.yaml.", "")
+    remark = " arm-tuned.yaml is not of this page, and stays as it is."
+    assert Page(session).save(1, "", "b") == (f"Saved in arm-tuned-2.yaml.{remark}", "")
 
 
 def test_what_cannot_be_fitted_is_not_saved(session: Session, arm: Bench) -> None:

@@ -64,6 +64,9 @@ def test_a_turning_spring_is_a_fourier_series_and_a_sliding_one_has_powers():
     np.testing.assert_allclose(
         spring.regressor(q, q, q)[0], [[*expected, 0, 0, 0], [0, 0, 0, 0, -2.0, 4.0, -8.0]], rtol=1e-14
     )
+    assert [law.torque for law in spring.equations] == [
+        "a_1 * sin(q) + b_1 * cos(q) + a_2 * sin(2 * q) + b_2 * cos(2 * q)", "c_1 * q + c_2 * q**2 + c_3 * q**3",
+    ]  # fmt: skip
 
 
 def test_a_delay_is_that_of_the_torque_in_time():

@@ -67,7 +67,8 @@ def test_nothing_is_cut_and_all_can_read_it(browse: Browsing, tmp_path: Path, na
     page.set_viewport_size({"width": 400, "height": 800})
     settled(page)
     assert page.evaluate(CUT) == []
-    assert browse.barriers(page) == []
+    # the slowest rule: all kinds share the colours of the report
+    assert browse.barriers(page, {"color-contrast": name == "report"}) == []
     page.evaluate("dispatchEvent(new Event('beforeprint'))")
     page.emulate_media(media="print")
     page.set_viewport_size({"width": 680, "height": 900})

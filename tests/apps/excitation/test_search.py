@@ -165,3 +165,15 @@ def test_a_solver_that_fails_makes_no_step(monkeypatch):
     monkeypatch.setattr("clarabel.DefaultSolver", Failing)
     x = random_motion(TIGHT_TORQUE, np.random.default_rng(0))
     np.testing.assert_array_equal(polish_motion(TIGHT_TORQUE, x, 3)[0], x)
+
+
+def test_a_longer_polish_is_better_and_goes_on_where_the_barrier_ends_within_the_limits():
+    x, value = improve_motion(TIGHT_TORQUE, random_motion(TIGHT_TORQUE, np.random.default_rng(0)), Stage(0.1, 20))
+    start = value
+    for steps in (1, 5, 15):
+        better, after = polish_motion(TIGHT_TORQUE, x, steps)
+        assert after <= value
+        assert TIGHT_TORQUE.is_inside(better)
+        assert after == pytest.approx(TIGHT_TORQUE.at(better, 0.0).criterion)
+        value = after
+    assert value < start - 0.5

@@ -20,7 +20,7 @@ from dynident.models.simulation import Recording
 from dynident.runtime.jobs.cluster import code_version
 from tests.apps.article.work import LEVELS, Mean, Still
 
-KILLS, RUNS, STEP = 10, 24, 4
+KILLS, RUNS, STEP = 10, 40, 4
 
 
 class Slow(Mean):

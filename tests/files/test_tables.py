@@ -67,6 +67,14 @@ def test_texts_are_read(tmp_path, text, expected):
         assert not table.column(name).flags.writeable
 
 
+def test_a_faulty_number_is_not_lost_where_rows_are_of_one_joint_each(tmp_path):
+    table = read_columns(written(tmp_path, "a.csv", "t,joint,q,tau\n0,a,1,1\n0,b,oops,2\n1,a,3,3\n1,b,4,4\n"))
+    assert list(table.columns) == ["t", "a.tau", "b.tau"]
+    assert list(table.faults) == ["a.q", "b.q"]
+    assert all("line 3" in fault and "oops" in fault for fault in table.faults.values())
+    assert list(table.lines) == [2, 4]
+
+
 def test_a_commented_header_holds_where_rows_have_texts(tmp_path):
     table = read_columns(written(tmp_path, "a.csv", "%time,name0,q0,q1\n0,elbow,0.0,0.0\n1,elbow,0.5,0.1\n"))
     assert list(table.columns) == ["time", "q0", "q1"]
@@ -249,6 +257,8 @@ def test_a_damaged_parquet_leaves_no_trace(tmp_path, capfd):
         ("a.parquet", parquet(), "a.parquet: holds no columns"),
         ("a.parquet", b"PAR1PAR1", r"a.parquet: is not a readable .parquet file \(ComputeError: "),
         ("a.npz", npz(), "a.npz: holds no columns"),
+        ("a.csv", b'"\n"\n"\n', "a.csv: holds no row of numbers"),
+        ("a.csv", b"t,q\n", "a.csv: holds a header, but no row of numbers"),
     ],
 )
 def test_tables_without_content_are_refused(tmp_path, name, data, words):

@@ -59,8 +59,8 @@ def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  
     # recorders that append to a file write its header again
     repeatable = {line for _, line in heads}
     body = [(k, row) for k, row in body if row not in repeatable] if repeatable else body
-    if not body:
-        raise InputError(f"{source}: holds a header, but no row of numbers.")
+    if not body or not names:
+        raise InputError(f"{source}: holds {'a header, but ' if header else ''}no row of numbers.")
     numbers, rows = [k for k, _ in body], [row for _, row in body]
     names, rows = _expand_lists(names, rows, separator) if separator else (names, rows)
     # quotes are removed only here: names in the header may hold the separator inside them
@@ -72,11 +72,9 @@ def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  
     columns |= joined_stamps
     faulty_cells = {name: cells.gather_every(len(names), k) for k, name in enumerate(names) if name in faults}
     texts = {name: str(column[0]) for name, column in faulty_cells.items() if column.n_unique() == 1}
-    columns, keys = _gather_keys(columns, {name: column.to_numpy() for name, column in faulty_cells.items()})
-    if keys:
-        numbers, faults = numbers[:: len(keys)], {}
+    columns, faults, n = _gather_keys(columns, {k: column.to_numpy() for k, column in faulty_cells.items()}, faults)
     stamp_units = dict.fromkeys((*stamps, *joined_stamps), "s")
-    return DataTable(columns, {}, source, faults, numbers, units=stamp_units, texts=texts)
+    return DataTable(columns, {}, source, faults, numbers[::n], units=stamp_units, texts=texts)
 
 
 def _parsing_memory(data: bytes) -> int:
@@ -290,10 +288,13 @@ def _parse_cells(
     return columns, faults, tuple(stamps)
 
 
-def _gather_keys(columns: Mapping[str, Array], texts: Mapping[str, Any]) -> tuple[dict[str, Array], list[str]]:
-    """Return columns ``key.name`` with a row for each time where rows are of one key each, such as a joint; and keys.
+def _gather_keys(
+    columns: Mapping[str, Array], texts: Mapping[str, Any], faults: Mapping[str, str]
+) -> tuple[dict[str, Array], dict[str, str], int]:
+    """Return columns ``key.name`` with a row for each time where rows are of one key each, such as a joint.
 
-    A column of texts or numbers repeats the keys in a fixed order, while a column of stamps stays the same.
+    A column of texts or numbers repeats the keys in a fixed order, while a column of stamps stays the same. Beside the
+    columns these are the faults under their new names, and the number of keys, 1 where the table stays as it is.
     """
     for key_name, values in {**texts, **columns}.items():
         n = 1 + int(np.argmax(values[1:] == values[0])) if len(values) > 1 else 1
@@ -306,8 +307,9 @@ def _gather_keys(columns: Mapping[str, Array], texts: Mapping[str, Any]) -> tupl
             by_key = {
                 f"{key}.{x}": blocks[x][:, k].copy() for k, key in enumerate(keys) for x in blocks if x not in alike
             }
-            return {x: blocks[x][:, 0].copy() for x in blocks if x in alike} | by_key, keys
-    return dict(columns), []
+            key_faults = {f"{key}.{x}": fault for x, fault in faults.items() if x != key_name for key in keys}
+            return {x: blocks[x][:, 0].copy() for x in blocks if x in alike} | by_key, key_faults, n
+    return dict(columns), dict(faults), 1
 
 
 def _stamp_column(cells: pl.Series) -> Array | None:

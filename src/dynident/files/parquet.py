@@ -38,10 +38,7 @@ if TYPE_CHECKING:
 _MAX_FOOTER_DEPTH = 20
 _ROW_GROUPS, _CHUNKS, _META, _PATH, _COUNT = 4, 1, 3, 3, 5  # the fields of the footer that are used
 _CHUNK_SIZE, _PAGE_STARTS = 7, (9, 11)  # ... of the pages of a column: compressed size, first page of values and keys
-_SIZES, _KEYS = (
-    (2, 3),
-    7,
-)  # the fields of the head of a page: unpacked and packed size, and what is said of keys
+_SIZES, _KEYS = (2, 3), 7  # ... of the head of a page: unpacked and packed size, and what is said of keys
 _COUNTS = ((5, (1,)), (8, (1, 2, 3)))  # ... of values in version 1 and 2, with the numbers of values, nulls and rows
 _MAX_HEAD = 2**16  # bytes that the head of a page takes, with the least and largest text in it
 _MAX_STRUCT_DEPTH = 20  # structs in structs
@@ -112,8 +109,8 @@ def _damaged_pages(file: BinaryIO) -> Iterator[int]:
 
 
 @lru_cache(maxsize=4096)
-def _check_pages_once(path: Path, size: int, changed: int) -> None:  # noqa: ARG001 - a file that has changed is another one
-    """Check the pages of a file, once: of a long recording it is read part by part."""
+def _check_pages_once(path: Path, size: int, changed: int) -> None:  # noqa: ARG001 - a changed file is another one
+    """Check the pages of a file, once: a long recording is read part by part."""
     with open_nonempty(path) as file:
         check_pages(file)
 

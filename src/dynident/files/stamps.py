@@ -65,9 +65,8 @@ def parse_stamps(cells: pl.Series) -> Array | None:
     zone_minutes = sign * (60 * number["zh"] + number["zm"])
     whole_seconds = 3600 * number["h"] + 60 * (number["m"] - zone_minutes) + number["s"] + DAY * date.cast(pl.Int64)
     fraction = (parts["f"].fill_null("") + "000000000").str.slice(0, 9).cast(pl.Int64)
-    return _since_midnight(whole_seconds, 1) + _to_seconds(
-        fraction, 1_000_000_000
-    )  # together they would overflow in 292 years
+    # as integers together they would overflow in 292 years
+    return _since_midnight(whole_seconds, 1) + _to_seconds(fraction, 1_000_000_000)
 
 
 def join_fractions(columns: Mapping[str, Array]) -> dict[str, Array]:

@@ -83,7 +83,7 @@ def unit_size(unit: str, dimension: str) -> float | None:
     """Return a unit in SI units, which may have a factor in front, such as ``0.01 deg``; None for other units."""
     text = re.sub(r"[ *·]", "", unit).replace(",", ".")
     name = re.sub(rf"^{FACTOR}", "", text)
-    sizes = {known_name.replace(" ", ""): size for known_name, size in UNITS[dimension].items()}
+    sizes = {spelling.replace(" ", ""): size for spelling, size in UNITS[dimension].items()}
     return float(text.removesuffix(name) or 1) * sizes[name] if name in sizes else None
 
 

@@ -252,8 +252,8 @@ def test_solved_is_generalised_least_squares() -> None:
     expected = np.linalg.solve(W.sum(axis=0), np.einsum("kij,kj->i", W, history.value))
     np.testing.assert_allclose(run.value, expected, rtol=1e-8)
     np.testing.assert_allclose(run.covariance, np.linalg.inv(W.sum(axis=0)), rtol=1e-6)
-    left = history.value - expected
-    np.testing.assert_allclose(run.distance, np.einsum("ki,kij,kj->k", left, W, left), rtol=1e-6)
+    deviation = history.value - expected
+    np.testing.assert_allclose(run.distance, np.einsum("ki,kij,kj->k", deviation, W, deviation), rtol=1e-6)
 
 
 def test_parameters_of_a_group_scatter_together() -> None:

@@ -204,8 +204,8 @@ def test_the_lag_leaves_no_more_than_it_says(jitter: float) -> None:
         result = streamed(stream, log)[:-1]
         off = signal(result, "ddq") - test_motion.derivative(2)[: len(signal(result, "t"))]
         errors.append((stream.remaining_error, np.sqrt((off[200:] ** 2).mean(axis=0))))
-    left, rms = map(np.stack, zip(*errors, strict=True))
-    ratio = (rms / rms[0]) / (left / left[0])
+    error, rms = map(np.stack, zip(*errors, strict=True))
+    ratio = (rms / rms[0]) / (error / error[0])
     assert (ratio < 3.0).all()
     assert (ratio > 0.05).all()
 

@@ -309,8 +309,8 @@ def test_another_becomes_consistent_where_it_is_least_known_and_no_further_than_
     phi[k], information[k, k] = -0.01, 1.0
     body = make_consistent(phi, information)
     assert smallest_eigenvalue(body) > 0
-    kept = np.arange(10) != k
-    np.testing.assert_allclose(body[kept], phi[kept], atol=1e-4)
+    is_other = np.arange(10) != k
+    np.testing.assert_allclose(body[is_other], phi[is_other], atol=1e-4)
     body, rng = make_consistent(phi, np.eye(10)), np.random.default_rng(0)
     others = body + 1e-3 * rng.standard_normal((200, 10))
     others = others[smallest_eigenvalue(others) > 1e-7]

@@ -196,13 +196,15 @@ OFFERED: tuple[dict[str, tuple[Term, ...]], ...] = (
 
 def switches() -> Switches:
     viscous, coulomb = Viscous(BODIES.joints), Coulomb(BODIES.joints, width=0.02)
-    own = ({"viscous": (viscous.for_joint(name),), "coulomb": (coulomb.for_joint(name),)} for name in JOINTS)
-    return Switches(GIVEN, (("viscous", "coulomb"),) * 3, tuple(a | b for a, b in zip(own, OFFERED, strict=True)))
+    by_joint = ({"viscous": (viscous.for_joint(name),), "coulomb": (coulomb.for_joint(name),)} for name in JOINTS)
+    return Switches(GIVEN, (("viscous", "coulomb"),) * 3, tuple(a | b for a, b in zip(by_joint, OFFERED, strict=True)))
 
 
 def test_kinds_are_switched_joint_by_joint() -> None:
-    made = switches()
-    bodies, *terms, motor = made.with_terms((("viscous",), ("stribeck", "viscous"), ("coulomb", "offset"))).terms
+    arm_switches = switches()
+    bodies, *terms, motor = arm_switches.with_terms(
+        (("viscous",), ("stribeck", "viscous"), ("coulomb", "offset"))
+    ).terms
     assert isinstance(bodies, RigidBodies)
     assert motor == MOTOR
     on = {
@@ -211,15 +213,15 @@ def test_kinds_are_switched_joint_by_joint() -> None:
     assert on == {"Viscous": ("shoulder", "rail"), "Stribeck": ("rail",), "Coulomb": ("twist",), "Offset": ("twist",)}
     (coulomb,) = (term for term in terms if isinstance(term, Coulomb))
     assert coulomb.constant("width", "twist") == 0.02
-    assert made.kinds == ("viscous", "coulomb", "stribeck", "offset")
+    assert arm_switches.kinds == ("viscous", "coulomb", "stribeck", "offset")
     with pytest.raises(ModelError, match="shoulder: there is no term of kind 'stribeck'"):
-        made.with_terms((("stribeck",), (), ()))
+        arm_switches.with_terms((("stribeck",), (), ()))
 
 
 def test_without_offers_nothing_can_be_switched() -> None:
-    made = Switches.of(GIVEN, None)
-    assert made.kinds == ()
-    assert made.with_terms(made.start) is GIVEN
+    arm_switches = Switches.of(GIVEN, None)
+    assert arm_switches.kinds == ()
+    assert arm_switches.with_terms(arm_switches.start) is GIVEN
 
 
 TRUE = Model((*MODEL.terms, Stribeck(BODIES.joints, on=("twist",), velocity=0.15)))
@@ -238,6 +240,6 @@ def test_sizes_are_those_that_explain_what_is_left() -> None:
     assert all(TERMS.kind_of(x) == kind for kind, some in kinds.items() for x in some)
     # what the model has already gains nothing, whatever rounding leaves of its columns
     rows = offers.samples.keep[:, 2]
-    own = columns_of(offers.samples, Viscous(BODIES.joints, on=("twist",)), 2, offers.loads)[:, rows]
-    assert offers._gain(Viscous(BODIES.joints, on=("twist",)), 2, rows, _basis(own)) == 0.0
-    assert offers._gain(term, 2, rows, _basis(own)) > 0.0
+    viscous_columns = columns_of(offers.samples, Viscous(BODIES.joints, on=("twist",)), 2, offers.loads)[:, rows]
+    assert offers._gain(Viscous(BODIES.joints, on=("twist",)), 2, rows, _basis(viscous_columns)) == 0.0
+    assert offers._gain(term, 2, rows, _basis(viscous_columns)) > 0.0

@@ -354,7 +354,7 @@ class SameRecording(Note):
 
 def mass_bound(mass: float, std: float) -> str:
     """Return a mass (kg) with its standard error (kg), and what it is below, in words."""
-    if std >= MAX_MASS / 2:
+    if std >= MAX_MASS / 2:  # what is known of the mass is its prior
         return "the motions turn no joint whose torque depends on its mass, so the mass stays unknown"
     bound = short(max(mass, 0.0) + 3 * std, 2)
     return f"its mass is {number_within(mass, std)} ± {number(std, 2)} kg, so it is below {bound} kg"

@@ -361,7 +361,8 @@ class JointSearch:
 def _outcome_elsewhere(kind: CandidateKind, faster: Share, further: Share, refit: Share, *logs: Share) -> TrialOutcome:
     """Return whether a kind holds on faster motion, further out and in other recordings, by its gains there.
 
-    Further out one of two suffices: with all else of all samples, and with a ``refit`` of all to the inner ones.
+    Further out a gain by one of two fits suffices: ``further`` takes only the coefficients of the kind from the inner
+    samples, ``refit`` those of all other terms, too.
     """
     # Loss beyond its standard errors refutes, strict kinds already at one of them; so does a lack of fast samples.
     if faster == (0.0, 0.0) or faster[0] < -(MAX_FASTER_LOSS if not kind.strict else 1.0) * faster[1]:

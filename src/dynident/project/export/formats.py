@@ -14,9 +14,9 @@ import yaml
 
 from dynident.files.xml_text import XmlText
 from dynident.models import RigidBodies, motion_memory
-from dynident.project.export.identified import IdentifiedModel, drives
+from dynident.project.export.identified import Drives, IdentifiedModel, drives
 from dynident.project.export.numpy_module import identified_module
-from dynident.project.export.robot_files import identified_mjcf, identified_urdf
+from dynident.project.export.robot_files import has_actuators, identified_mjcf, identified_urdf
 from dynident.project.export.servos import constant_torques
 from dynident.project.export.written import ExportText, Reader, States, place_values
 from dynident.runtime import DynidentError
@@ -46,9 +46,14 @@ def _parameter_row(identified: IdentifiedModel, k: int) -> dict[str, Any]:
 
 def torque_by_numpy(source: str, _: IdentifiedModel, states: States) -> Array:
     """Return the torque of a module's own inverse dynamics."""
+    return np.asarray(run_module(source)["inverse_dynamics"](*states))
+
+
+def run_module(source: str) -> dict[str, Any]:
+    """Return the names of a module that was written here."""
     namespace: dict[str, Any] = {"__name__": "model"}
-    exec(compile(source, "model.py", "exec"), namespace)  # noqa: S102 - the text was written above, names are quoted
-    return np.asarray(namespace["inverse_dynamics"](*states))
+    exec(compile(source, "model.py", "exec"), namespace)  # noqa: S102 - names are quoted in it
+    return namespace
 
 
 def torque_by_yaml(text: str, identified: IdentifiedModel, states: States) -> Array:
@@ -69,13 +74,9 @@ def torque_by_dynident(text: str, identified: IdentifiedModel, states: States) -
     values = [parameter.value for parameter in reloaded.parameters]
     if None in values:
         raise DynidentError("a body has no inertia of its own")
-    coefficients = [
-        np.array([attribute.get(name, 0.0) for name in names]) for attribute in (reloaded.damping, reloaded.friction)
-    ]
-    rotor = np.array([reloaded.armature.get(name, 0.0) for name in names])
-    _, dq, ddq = states
+    joint_drives = Drives(reloaded.damping, reloaded.friction, reloaded.armature)
     torque = reloaded.regressor(*states) @ np.array(values, dtype=float)
-    return np.asarray(torque + coefficients[0] * dq + coefficients[1] * np.sign(dq) + rotor * ddq)
+    return np.asarray(torque + joint_drives.torque(names, *states[1:]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,34 +218,33 @@ def _remove_shapes(text: str) -> str:
     return str(edited)
 
 
-def drives_torque(
-    identified: IdentifiedModel, states: States, *, armature: bool, in_links: bool = False, offset: bool = False,
-    dry_friction: bool = True,
-) -> Array:  # fmt: skip
-    """Return the torque of the bodies and what ``drives`` holds; rotor inertia is in links where it can, if asked."""
-    best = place_values(identified, armature=armature and not in_links)
-    bodies, values = best.bodies
-    names = tuple(joint.name for joint in bodies.joints)
-    joint_drives = drives(best, armature=armature, offset=offset)
-    joint_drives = joint_drives if dry_friction else replace(joint_drives, friction={})
-    return np.asarray(bodies.torque(*states, values.ravel()) + joint_drives.torque(names, *states[1:]))
-
-
 @dataclass(frozen=True)
 class RobotFile:
-    """The robot's own file with identified values; ``armature`` is whether it can hold rotor inertia."""
+    """A file of a robot, whose name is that of the robot's own file with another ``ending``.
 
-    suffix: ClassVar[str]
-    armature: ClassVar[bool]
+    Of the drives it holds damping, rotor inertia (``armature``; ``in_links``: in the links where it can be), and
+    ``dry_friction``.
+    """
+
+    format: ClassVar[str]
+    ending: ClassVar[str]
+    armature: ClassVar[bool] = True
+    in_links: ClassVar[bool] = False
+    dry_friction: ClassVar[bool] = True
 
     def file(self, identified: IdentifiedModel) -> str:
-        """Return the name of the robot's file, as that of an identified one."""
+        """Return the name of the file."""
         name = identified.robot.source if identified.robot else identified.model.name
-        return f"{PurePath(name).stem}.identified{self.suffix}"
+        return f"{PurePath(name).stem}{self.ending}"
 
     def torque(self, identified: IdentifiedModel, states: States) -> Array:
-        """Return the torque of bodies, damping and friction, and of the armature that the file can hold."""
-        return drives_torque(identified, states, armature=self.armature)
+        """Return the torque of the bodies and of what the file holds of the drives."""
+        best = place_values(identified, armature=self.armature and not self.in_links)
+        bodies, values = best.bodies
+        joint_drives = drives(best, armature=self.armature, offset=has_actuators(self.format, bodies))
+        joint_drives = joint_drives if self.dry_friction else replace(joint_drives, friction={})
+        names = tuple(joint.name for joint in bodies.joints)
+        return np.asarray(bodies.torque(*states, values.ravel()) + joint_drives.torque(names, *states[1:]))
 
 
 @dataclass(frozen=True)
@@ -252,7 +252,7 @@ class Urdf(RobotFile):
     """The robot's own URDF, or one of its MJCF, with the identified inertias, damping and friction."""
 
     format: ClassVar[str] = "urdf"
-    suffix, armature = ".urdf", False
+    ending, armature = ".identified.urdf", False
     readers: ClassVar[Mapping[str, Reader]] = {"Pinocchio": torque_by_pinocchio, "dynident": torque_by_dynident}
 
     def write(self, identified: IdentifiedModel) -> ExportText:
@@ -265,7 +265,7 @@ class Mjcf(RobotFile):
     """The robot's own MJCF, or one of its URDF, with the identified inertias, damping, friction and armature."""
 
     format: ClassVar[str] = "mjcf"
-    suffix, armature = ".xml", True
+    ending = ".identified.xml"
     readers: ClassVar[Mapping[str, Reader]] = {
         "MuJoCo": _with_actuators(torque_by_mujoco),
         "dynident": _with_actuators(torque_by_dynident),
@@ -274,11 +274,6 @@ class Mjcf(RobotFile):
     def write(self, identified: IdentifiedModel) -> ExportText:
         """Return the MJCF."""
         return identified_mjcf(identified)
-
-    def torque(self, identified: IdentifiedModel, states: States) -> Array:
-        """Return the torque of ``RobotFile``, with constant torques where the file gets actuators."""
-        has_actuators = identified.bodies[0].format == "urdf"
-        return drives_torque(identified, states, armature=True, offset=has_actuators)
 
 
 @dataclass(frozen=True)

@@ -174,8 +174,7 @@ def _drive_attributes(armature: bool) -> dict[type[Term], str]:
 
 def _add_values(sums: dict[str, float], term: PerJoint, values: Array) -> None:
     """Add the values of a term to those of its joints; ModelError where one is negative."""
-    joints = term.on or tuple(joint.name for joint in term.joints)
-    for parameter, joint, value in zip(term.parameters, joints, values.tolist(), strict=True):
+    for parameter, joint, value in zip(term.parameters, term.acts_on, values.tolist(), strict=True):
         if value < 0 and type(term) is not Offset:
             raise ModelError(f"{parameter.name} is {value:.4g} {parameter.unit}, below zero; {ADVICE}.")
         sums[joint] = sums.get(joint, 0.0) + value

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from itertools import chain, count
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from dynident.files.xml_text import XmlNode, XmlText
 from dynident.models import RigidBodies, to_physical
 from dynident.project.export.identified import Drives, IdentifiedModel, LinkInertias, drives, link_inertias
 from dynident.project.export.servos import actuator_lines, range_lines, ranges
-from dynident.project.export.tree_text import mesh_notes, mjcf_of, numbers_text, urdf_of
+from dynident.project.export.tree_text import element, mesh_notes, mjcf_of, numbers_text, urdf_of
 from dynident.project.export.written import ExportText, move_notes, place_values
 from dynident.runtime import ModelError
 from dynident.runtime.arrays import Array
@@ -40,16 +39,18 @@ def identified_urdf(identified: IdentifiedModel) -> ExportText:
     http://wiki.ros.org/urdf/XML). Raises ModelError where the model does not come from a URDF, and for
     inconsistent bodies or negative friction.
     """
-    bodies, joint_drives, shares, notes = robot_content(identified, "urdf", armature=False)
-    text = urdf_text(bodies, joint_drives, shares)
+    bodies, _ = identified.bodies
+    text, joint_drives, notes = edit_urdf(identified, armature=False)
     gravity = (
         [] if bodies.gravity == EARTH_GRAVITY else [f"gravity {bodies.gravity} m/s^2 in the frame of the root link"]
     )
     return ExportText(str(text), (*joint_drives.left_out, *gravity), notes)
 
 
-def urdf_text(bodies: RigidBodies, joint_drives: Drives, shares: LinkInertias) -> XmlText:
-    """Return the URDF of the bodies, or that of their tree, with inertias, damping and friction."""
+def edit_urdf(identified: IdentifiedModel, *, armature: bool) -> tuple[XmlText, Drives, tuple[str, ...]]:
+    """Return the URDF of the bodies, or that of their tree, with inertias, damping and friction, all that joints have
+    of drives, and notes; ``armature``: whether rotor inertia is among that."""
+    bodies, joint_drives, shares, notes = robot_content(identified, "urdf", armature=armature)
     is_converted = bodies.format != "urdf"
     text = XmlText(urdf_of(bodies) if is_converted else bodies.xml)
     joints = {body.joint.name for body in bodies.arm.bodies}
@@ -65,7 +66,12 @@ def urdf_text(bodies: RigidBodies, joint_drives: Drives, shares: LinkInertias) -
                 text.write_exact_angles(origin, "rpy")
             if name in joints:  # it moves
                 _set_dynamics(text, node, joint_drives, name)
-    return text
+    return text, joint_drives, notes
+
+
+def has_actuators(file_format: str, bodies: RigidBodies) -> bool:
+    """Return whether a file of this format gets actuators: an MJCF does that is not the robot's own."""
+    return file_format == "mjcf" != bodies.format
 
 
 def robot_content(
@@ -74,9 +80,8 @@ def robot_content(
     """Return the bodies of a robot file, what it gets of drives and links, and notes on them and the format."""
     bodies, _ = identified.bodies
     best = place_values(identified, armature=armature)
-    # constant torques are part of actuators, which a file of another format gets
-    has_actuators = file_format == "mjcf" != bodies.format
-    joint_drives = drives(best, armature=armature, offset=has_actuators)
+    # constant torques are part of actuators
+    joint_drives = drives(best, armature=armature, offset=has_actuators(file_format, bodies))
     shares = link_inertias(bodies, best.bodies[1])
     notes = (*move_notes(identified, best), *joint_drives.notes, *shares.notes, *fixed_joint_notes(bodies, shares))
     if bodies.format != file_format:
@@ -159,9 +164,8 @@ def _set_urdf_inertia(text: XmlText, link: XmlNode, theta: Array | None) -> None
     # the tensor is written in the axes of the link: a rotated inertial frame is turned back
     _set_origin(text, inertial, numbers_text(centre))
     for tag, attributes in (("mass", {"value": repr(float(mass))}), ("inertia", _tensor_attributes(tensor))):
-        element = inertial.find(tag)
-        if element is not None:  # the parser rejects an <inertial> without them
-            text.set(element, attributes)
+        if (node := inertial.find(tag)) is not None:  # the parser rejects an <inertial> without them
+            text.set(node, attributes)
 
 
 def _tensor_attributes(tensor: Array) -> dict[str, str]:
@@ -171,9 +175,9 @@ def _tensor_attributes(tensor: Array) -> dict[str, str]:
 def _inertial_lines(mass: float | Array, centre: Array, tensor: Array) -> tuple[str, ...]:
     return (
         "<inertial>",
-        f'  <origin xyz="{numbers_text(centre)}"/>',
-        f'  <mass value="{float(mass)!r}"/>',
-        f"  {_element('inertia', _tensor_attributes(tensor))}",
+        f"  {element('origin', xyz=centre)}",
+        f"  {element('mass', value=mass)}",
+        f"  {element('inertia', **_tensor_attributes(tensor))}",
         "</inertial>",
     )
 
@@ -188,10 +192,6 @@ def _set_origin(text: XmlText, inertial: XmlNode, centre: str) -> None:
         text.set(origin, {"xyz": centre, **rotation})
 
 
-def _element(tag: str, values: Mapping[str, str]) -> str:
-    return f"<{tag} " + " ".join(f'{key}="{value}"' for key, value in values.items()) + "/>"
-
-
 def _set_dynamics(text: XmlText, joint: XmlNode, joint_drives: Drives, name: str) -> None:
     coefficients = {"damping": joint_drives.damping.get(name), "friction": joint_drives.friction.get(name)}
     values = {key: repr(float(value)) for key, value in coefficients.items() if value is not None}
@@ -199,7 +199,7 @@ def _set_dynamics(text: XmlText, joint: XmlNode, joint_drives: Drives, name: str
     if dynamics is not None:
         text.set(dynamics, values)
     elif values:
-        text.insert(joint, _element("dynamics", values))
+        text.insert(joint, element("dynamics", **values))
 
 
 def identified_mjcf(identified: IdentifiedModel) -> ExportText:
@@ -212,13 +212,14 @@ def identified_mjcf(identified: IdentifiedModel) -> ExportText:
     bodies, joint_drives, shares, notes = robot_content(identified, "mjcf", armature=True)
     text = XmlText(bodies.xml if bodies.format == "mjcf" else mjcf_of(bodies))
     if _is_in_radians(text):
-        for node in (element for element in _body_nodes(text) if element.tag in ("body", "frame")):
+        for node in (node for node in _body_nodes(text) if node.tag in ("body", "frame")):
             text.write_exact_angles(node, "euler")
             text.write_exact_angles(node, "axisangle", 1)
     _set_identified(text, bodies, joint_drives, shares)
     names = {node.attributes.get("name", "") for node in text.root.walk() if node.tag == "numeric"}
     lines = range_lines([x for x in ranges(identified, joint_drives) if x.label not in names])
-    lines += actuator_lines(identified.servos, bodies, joint_drives.offset) if bodies.format == "urdf" else []
+    if has_actuators("mjcf", bodies):
+        lines += actuator_lines(identified.servos, bodies, joint_drives.offset)
     if lines:
         text.insert(text.root, *lines)
     if bodies.file.gravity != bodies.gravity:
@@ -256,12 +257,12 @@ def _set_identified(text: XmlText, bodies: RigidBodies, joint_drives: Drives, sh
 
 
 def _set_mjcf_inertia(text: XmlText, body: XmlNode, name: str, theta: Array | None, origin: Array) -> None:
-    element = inertial_element(theta, origin, name) if theta is not None and theta.any() else ZERO_INERTIAL
+    line = inertial_element(theta, origin, name) if theta is not None and theta.any() else ZERO_INERTIAL
     inertial = body.find("inertial")
     if inertial is None:
-        text.insert(body, element)
+        text.insert(body, line)
     else:
-        text.replace(inertial, element)
+        text.replace(inertial, line)
 
 
 def _set_drive(text: XmlText, joint: XmlNode, joint_drives: Drives, name: str) -> None:
@@ -321,8 +322,8 @@ def with_payload_link(xml: str, frame: str, mass: float, centre: Array, tensor: 
         *(f"  {line}" for line in _inertial_lines(mass, centre, tensor)),
         "</link>",
         f'<joint name="{joint}" type="fixed">',
-        f"  <parent link={quoteattr(frame)}/>",
-        f'  <child link="{name}"/>',
+        f"  {element('parent', link=frame)}",
+        f"  {element('child', link=name)}",
         "</joint>",
     )
     text.insert(text.root, *lines)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from dynident.files.xml_text import XmlText
 from dynident.identification import Identification
-from dynident.models import RigidBodies, RotorInertia
+from dynident.models import RigidBodies, RotorInertia, Term
 from dynident.models.friction import Coulomb, PerJoint, Viscous
 from dynident.project.config import parse_config
 from dynident.project.drive_settings import CascadeJoint, LoopJoint, LoopSettings, PDJoint, PIDJoint
@@ -102,22 +102,26 @@ def ranges(identified: IdentifiedModel, joint_drives: Drives) -> tuple[ValueRang
     """
     if identified.std is None:
         return ()
-    entries, start = list[ValueRange](), 0
-    for term in identified.model.terms:
-        attribute = ATTRIBUTES.get(type(term), "")
-        values: Mapping[str, float] = getattr(joint_drives, attribute) if attribute else {}
-        names = (term.on or tuple(joint.name for joint in term.joints)) if isinstance(term, PerJoint) else ()
-        for k, parameter in enumerate(term.parameters):
-            std = float(identified.std[start + k])
-            label, value = (attribute, names[k]) if attribute else ("mass", parameter.body), 0.0
-            if attribute:
-                value = values.get(names[k], 0.0)
-            elif isinstance(term, RigidBodies) and parameter.role == "mass":
-                value = float(identified.value[start + k])
-            if np.isfinite(std) and value > 0:
-                entries.append(ValueRange(*label, max(value - NORMAL_95 * std, 0.0), value + NORMAL_95 * std))
-        start += len(term.parameters)
-    return tuple(entries)
+    errors = replace(identified, value=identified.std).parts
+    return tuple(
+        ValueRange(attribute, name, max(value - NORMAL_95 * std, 0.0), value + NORMAL_95 * std)
+        for (term, values), (_, term_std) in zip(identified.parts, errors, strict=True)
+        for attribute, name, value, std in _uncertain_values(term, values, term_std, joint_drives)
+        if np.isfinite(std) and value > 0
+    )
+
+
+def _uncertain_values(
+    term: Term, values: Array, std: Array, joint_drives: Drives
+) -> Iterator[tuple[str, str, float, float]]:
+    """Yield the attributes of joints, as the file has them, and the masses of a term, each with its standard error."""
+    if isinstance(term, PerJoint) and (attribute := ATTRIBUTES.get(type(term))):
+        for name, error in zip(term.acts_on, std.tolist(), strict=True):
+            yield attribute, name, getattr(joint_drives, attribute).get(name, 0.0), error
+    elif isinstance(term, RigidBodies):
+        for parameter, mass, error in zip(term.parameters, values.tolist(), std.tolist(), strict=True):
+            if parameter.role == "mass":
+                yield "mass", parameter.body, mass, error
 
 
 def range_lines(value_ranges: Sequence[ValueRange]) -> list[str]:

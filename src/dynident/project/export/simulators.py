@@ -7,7 +7,6 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import PurePath
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,13 +18,14 @@ from dynident.models.friction import Coulomb
 from dynident.project.export.formats import (
     PinocchioArm,
     RobotFile,
+    Urdf,
     declare_root,
-    drives_torque,
+    run_module,
     torque_by_dynident,
     torque_by_pinocchio,
 )
 from dynident.project.export.identified import Drives, IdentifiedModel, Servo, drives, omission_notes
-from dynident.project.export.robot_files import identified_urdf, robot_content, urdf_text
+from dynident.project.export.robot_files import edit_urdf, identified_urdf
 from dynident.project.export.servos import range_comment, ranges
 from dynident.project.export.simulator_code import ISAAC, PINOCCHIO
 from dynident.project.export.tree_text import element
@@ -72,10 +72,10 @@ def _value(actuator: XmlNode, name: str) -> float | None:
 
 @dataclass(frozen=True)
 class Drake(RobotFile):
-    """A URDF with the elements of Drake for rotor inertia, gear ratio and gains."""
+    """A URDF with the elements of Drake for rotor inertia, gear ratio, gains; Drake has no dry friction of joints."""
 
     format: ClassVar[str] = "drake"
-    suffix, armature = ".drake.urdf", True
+    ending, dry_friction = ".identified.drake.urdf", False
     readers: ClassVar[Mapping[str, Reader]] = {
         "Pinocchio": _with_reflected_inertia(torque_by_pinocchio),
         "dynident": _with_reflected_inertia(torque_by_dynident),
@@ -87,27 +87,21 @@ class Drake(RobotFile):
         gravity = f"gravity {identified.bodies[0].gravity} m/s^2 in the frame of the root link: set it in the plant"
         return replace(made, notes=(*made.notes, gravity))
 
-    def torque(self, identified: IdentifiedModel, states: States) -> Array:
-        """Return the torque of bodies, damping and rotor inertia: Drake has no dry friction of joints."""
-        return drives_torque(identified, states, armature=True, dry_friction=False)
-
 
 def _drake_urdf(identified: IdentifiedModel) -> ExportText:
     """Return the URDF for Drake, without a word of gravity."""
-    bodies, joint_drives, shares, notes = robot_content(identified, "urdf", armature=True)
-    text = urdf_text(bodies, joint_drives, shares)
+    text, joint_drives, notes = edit_urdf(identified, armature=True)
     text.set(text.root, {"xmlns:drake": DRAKE_NAMESPACE})
     parts = [(node, child) for node in text.root.children if node.tag == "transmission" for child in node.children]
     transmissions = {child.attributes.get("name"): node for node, child in parts if child.tag == "joint"}
-    for joint in bodies.joints:
-        name = joint.name
+    for name in (joint.name for joint in identified.bodies[0].joints):
         lines = _drake_lines(joint_drives.armature.get(name, 0.0), identified.servos.get(name, Servo()))
         _set_transmission(text, transmissions.get(name), name, lines)
     if comment := [*range_comment(ranges(identified, joint_drives))]:
         text.insert(text.root, *comment)
     dry = ((term, values) for term, values in identified.parts if isinstance(term, Coulomb))
     friction = (note for term, values in dry for note in omission_notes(term, values))
-    return ExportText(str(text), (*joint_drives.left_out, *friction), tuple(notes))
+    return ExportText(str(text), (*joint_drives.left_out, *friction), notes)
 
 
 def torque_by_directives(text: str, identified: IdentifiedModel, states: States) -> Array:
@@ -139,15 +133,12 @@ def _drake_root(bodies: RigidBodies) -> str:
 
 
 @dataclass(frozen=True)
-class DrakeDirectives:
+class DrakeDirectives(RobotFile):
     """Model directives of Drake: the URDF for it, with its root welded so that gravity acts as in the model."""
 
     format: ClassVar[str] = "drake_directives"
+    ending, dry_friction = ".identified.drake.dmd.yaml", False
     readers: ClassVar[Mapping[str, Reader]] = {"dynident": torque_by_directives}
-
-    def file(self, identified: IdentifiedModel) -> str:
-        """Return the name of the file."""
-        return f"{PurePath(Drake().file(identified)).stem}.dmd.yaml"
 
     def write(self, identified: IdentifiedModel) -> ExportText:
         """Return the directives, in which names are quoted."""
@@ -167,10 +158,6 @@ class DrakeDirectives:
         beside = f"it names {name}: write that file beside it by --format drake, and name their folder to Drake by "
         beside += f"parser.package_map().Add({DRAKE_PACKAGE!r}, folder)"
         return ExportText("\n".join(lines) + "\n", urdf.left_out, (*urdf.notes, *world, beside))
-
-    def torque(self, identified: IdentifiedModel, states: States) -> Array:
-        """Return the torque of the URDF for Drake."""
-        return Drake().torque(identified, states)
 
 
 def _drake_lines(armature: float, servo: Servo) -> list[str]:
@@ -245,58 +232,38 @@ def read_literals(source: str) -> dict[str, Any]:
     return literals
 
 
-@dataclass(frozen=True)
-class PythonFile:
-    """A Python module for a simulator, about the robot file whose name it begins with."""
-
-    format: ClassVar[str]
-
-    def file(self, identified: IdentifiedModel) -> str:
-        """Return the name of the module."""
-        name = identified.robot.source if identified.robot else identified.model.name
-        return f"{PurePath(name).stem}_{self.format}.py"
-
-
 def torque_by_isaac_values(text: str, identified: IdentifiedModel, states: States) -> Array:
     """Return the torque of the URDF that an Isaac Lab module names and of its values."""
-    bodies, _ = identified.bodies
     joint_values = read_literals(text)
     urdf = XmlText(identified_urdf(identified).text)
     for node in urdf.root.walk():
         if node.tag == "dynamics":  # those of the module are used in their place
             urdf.set(node, {"damping": "0", "friction": "0"})
-    armature, friction, viscous = (
-        np.array([joint_values[name][joint.name] for joint in bodies.joints])
-        for name in ("ARMATURE", "FRICTION", "VISCOUS_FRICTION")
-    )
-    _, dq, ddq = states
-    rigid = torque_by_dynident(str(urdf), identified, states)
-    return np.asarray(rigid + armature * ddq + viscous * dq + friction * np.sign(dq))
+    joint_drives = Drives(*(joint_values[name] for name in ("VISCOUS_FRICTION", "FRICTION", "ARMATURE")))
+    names = tuple(joint.name for joint in identified.model.joints)
+    return torque_by_dynident(str(urdf), identified, states) + joint_drives.torque(names, *states[1:])
 
 
 @dataclass(frozen=True)
-class IsaacLab(PythonFile):
+class IsaacLab(RobotFile):
     """A module with the ``ArticulationCfg`` of Isaac Lab, for the identified URDF beside it."""
 
     format: ClassVar[str] = "isaac"
+    ending, in_links = "_isaac.py", True
     readers: ClassVar[Mapping[str, Reader]] = {"dynident": torque_by_isaac_values}
 
     def write(self, identified: IdentifiedModel) -> ExportText:
         """Return the module."""
-        bodies, _, _, notes = robot_content(identified, "urdf", armature=False)
+        gravity, name = identified.bodies[0].gravity, Urdf().file(identified)
         # rotor inertia that the URDF holds in its links is not set at the joint once more
         joint_drives = drives(place_values(identified, armature=False), armature=True)
-        name = f"{PurePath(bodies.source).stem}.identified.urdf"
         literals = assignments(
-            URDF=name, GRAVITY=bodies.gravity, BASE_ORIENTATION=_upright(bodies.gravity),
+            URDF=name, GRAVITY=gravity, BASE_ORIENTATION=_upright(gravity),
             **joint_table(identified, joint_drives), RANGES=range_table(identified, joint_drives),
         )  # fmt: skip
         note = f"the module names {name}, which has the inertias: write that file beside it by --format urdf"
-        return ExportText(ISAAC.replace("#LITERALS", literals), joint_drives.left_out, (*notes, note))
-
-    def torque(self, identified: IdentifiedModel, states: States) -> Array:
-        """Return the torque of the bodies of the URDF, and of friction and rotor inertia of the module."""
-        return drives_torque(identified, states, armature=True, in_links=True)
+        notes = (*identified_urdf(identified).notes, note)
+        return ExportText(ISAAC.replace("#LITERALS", literals), joint_drives.left_out, notes)
 
 
 def _upright(gravity: tuple[float, ...]) -> tuple[float, ...]:
@@ -318,8 +285,7 @@ def _driven_joints(bodies: RigidBodies) -> dict[str, tuple[str, float, float]]:
 
 def torque_by_pinocchio_file(text: str, identified: IdentifiedModel, states: States) -> Array:
     """Return the torque that the module computes itself."""
-    namespace: dict[str, Any] = {"__name__": "model"}
-    exec(compile(text, "model.py", "exec"), namespace)  # noqa: S102 - the text was written above, names are quoted
+    namespace = run_module(text)
     namespace["check"]()
     bodies, _ = identified.bodies
     model = namespace["load"]()
@@ -327,16 +293,17 @@ def torque_by_pinocchio_file(text: str, identified: IdentifiedModel, states: Sta
 
 
 @dataclass(frozen=True)
-class PinocchioFile(PythonFile):
+class PinocchioFile(RobotFile):
     """A module that builds the model of Pinocchio, with rotor inertia, friction and damping, and checks itself."""
 
     format: ClassVar[str] = "pinocchio"
+    ending = "_pinocchio.py"
     readers: ClassVar[Mapping[str, Reader]] = {"Pinocchio": torque_by_pinocchio_file}
 
     def write(self, identified: IdentifiedModel) -> ExportText:
         """Return the module."""
-        bodies, joint_drives, shares, notes = robot_content(identified, "urdf", armature=True)
-        text = urdf_text(bodies, joint_drives, shares)
+        bodies, _ = identified.bodies
+        text, joint_drives, notes = edit_urdf(identified, armature=True)
         for node in text.root.children:
             for child in node.children:
                 if child.tag in SHAPES:
@@ -355,7 +322,3 @@ class PinocchioFile(PythonFile):
             TORQUES=self.torque(identified, (states[0], states[1], states[2])).tolist(),
         )
         return ExportText(PINOCCHIO.replace("#LITERALS", literals), joint_drives.left_out, notes)
-
-    def torque(self, identified: IdentifiedModel, states: States) -> Array:
-        """Return the torque of bodies, damping, friction and rotor inertia."""
-        return drives_torque(identified, states, armature=True)

@@ -79,9 +79,9 @@ def test_what_capsules_do_not_keep_apart_is_not_asked_of_the_shapes(monkeypatch)
     geometry = bent_arm()
     monkeypatch.setattr("dynident.apps.excitation.clearance.neighbours", lambda *_: set())
     watched = build_space(geometry)
-    assert watched.meetings.tolist() == [[0, 2], [1, 2]]
+    assert watched.watched.tolist() == [[0, 2], [1, 2]]
     swing, still = np.array([3.0, 0.0, 3.0]), np.zeros(3)
-    unwatched = replace(watched, meetings=watched.meetings[1:], unwatched=(watched.meetings[:1], watched.encounters))
+    unwatched = replace(watched, watched=watched.watched[1:], unwatched=watched.watched[:1])
     assert unwatched.left_out == (("arm", "hand"),)
     never = exact_space(geometry, unwatched, still, still)
     assert never is not None

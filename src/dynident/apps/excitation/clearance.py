@@ -24,7 +24,6 @@ DEFAULT_TRAVEL = 10.0  # m: the travel of a prismatic joint without limits
 
 Integers = NDArray[np.intp]
 PairDistances = tuple[Array, Array, Array]  # distances (N, K), the points and the directions (N, K, 3) they grow with
-NO_PAIRS = np.empty((0, 2), dtype=np.intp)
 SMOOTHING_FACTOR = 1.03  # of the smooth distances against the true ones, where axes are 30 mm apart or more
 BLOCK = 2000  # samples at once
 
@@ -151,12 +150,12 @@ def reach_bounds(bodies: RigidBodies, body: int, radius: float) -> Array:
     return out
 
 
-def distance_rate_bounds(bodies: RigidBodies, part_reaches: Array, pairs: Sequence[tuple[int, int]]) -> Array:
-    """Return by how much (P, n) the distances of ``pairs`` (P) of parts change at most with the joints.
+def distance_rate_bounds(bodies: RigidBodies, part_reaches: Array, pairs: Integers) -> Array:
+    """Return by how much (P, n) the distances of ``pairs`` (P, 2) of parts change at most with the joints.
 
     ``part_reaches`` (parts, B) are the ``reach_bounds`` of the parts. A body that carries both moves them alike.
     """
-    first, second = (part_reaches[[pair[k] for pair in pairs]].reshape(-1, part_reaches.shape[1]) for k in (0, 1))
+    first, second = part_reaches[pairs.T]
     # a joint that carries both parts moves them alike and does not change their distance
     rates = np.where((first > 0) & (second > 0), 0.0, first + second)
     return np.asarray(rates @ np.abs(bodies.arm.drive))
@@ -173,23 +172,22 @@ def _max_travel(bodies: RigidBodies) -> Array:
 class CapsuleSpace(Noun):
     """The ``capsules`` around the links of an arm, and ``obstacles``.
 
-    Watched are ``meetings``, pairs of capsules (K, 2), and ``encounters`` (M, 2) of a capsule with an obstacle, both by
-    index: P = K + M pairs, in this order. A pair of links with several capsules has several. ``unwatched`` are the
-    meetings and encounters that are left out because they touch in nearly every pose. Distances are smooth, and less
-    than the true ones by at most 1 mm where that is not below 50 mm (``segment_distance``).
+    ``watched`` are the P pairs (P, 2), by index in (*capsules, *obstacles): of two capsules, then of a capsule with an
+    obstacle, obstacle by obstacle. A pair of links with several capsules has several. ``unwatched`` are those that are
+    left out because they touch in nearly every pose. Distances are smooth, and less than the true ones by at most 1 mm
+    where that is not below 50 mm (``segment_distance``).
     """
 
     bodies: RigidBodies
     capsules: tuple[Capsule, ...]
     obstacles: tuple[Obstacle, ...]
-    meetings: Integers
-    encounters: Integers
-    unwatched: tuple[Integers, Integers] = (NO_PAIRS, NO_PAIRS)
+    watched: Integers
+    unwatched: Integers
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """Names of the P pairs: two links, or a link and an obstacle."""
-        return self._pair_names(self.meetings, self.encounters)
+        return self._pair_names(self.watched)
 
     @cached_property
     def steepest(self) -> Array:
@@ -198,18 +196,15 @@ class CapsuleSpace(Noun):
             capsule.radius + max(float(np.linalg.norm(end)) for end in (capsule.start, capsule.end))
             for capsule in self.capsules
         ]
-        bodies, count = [*self._capsule_bodies, -1], len(self.capsules)
-        # obstacles do not move: a last entry without reach stands for them
-        part_reaches = np.array(
-            [reach_bounds(self.bodies, body, r) for body, r in zip(bodies, [*radii, 0.0], strict=True)]
-        )
-        pairs = [*self.meetings.tolist(), *((capsule, count) for capsule in self.encounters[:, 0].tolist())]
-        return SMOOTHING_FACTOR * distance_rate_bounds(self.bodies, part_reaches, pairs)
+        radii += [0.0] * len(self.obstacles)  # they do not move
+        reaches = [reach_bounds(self.bodies, body, r) for body, r in zip(self._part_bodies, radii, strict=True)]
+        part_reaches = np.reshape(reaches, (-1, len(self.bodies.arm.bodies)))
+        return SMOOTHING_FACTOR * distance_rate_bounds(self.bodies, part_reaches, self.watched)
 
     @property
     def left_out(self) -> tuple[tuple[str, str], ...]:
         """Names of the pairs that are not watched, each once."""
-        return tuple(dict.fromkeys(self._pair_names(*self.unwatched)))
+        return tuple(dict.fromkeys(self._pair_names(self.unwatched)))
 
     def distances(self, q: Array, /) -> Array:
         """Return the distances (N, P) in m, negative where a pair overlaps, at positions q (N, n)."""
@@ -223,22 +218,24 @@ class CapsuleSpace(Noun):
         placements = self.bodies.placements(q)
         distances, points, directions = self._all_pairs(placements)
         # a point and the one nearest to it are on one line along the direction, so that both have one moment
-        first_bodies = self._capsule_bodies[np.concatenate((self.meetings[:, 0], self.encounters[:, 0]))]
-        second_bodies = np.concatenate((self._capsule_bodies[self.meetings[:, 1]], np.full(len(self.encounters), -1)))
-        return distances, placements.project_on_joints(first_bodies, points, directions) - placements.project_on_joints(
-            second_bodies, points, directions
+        first, second = (
+            placements.project_on_joints(part_bodies, points, directions)
+            for part_bodies in self._part_bodies[self.watched.T]
         )
+        return distances, first - second
 
     def _all_pairs(self, placements: Placements) -> PairDistances:
         axes = ([capsule.start for capsule in self.capsules], [capsule.end for capsule in self.capsules])
-        starts, ends = (placements.points(self._capsule_bodies, np.array(end).reshape(-1, 3)) for end in axes)
-        along, radii, (first, second) = ends - starts, self._capsule_radii, self.meetings.T
+        count, bodies = len(self.capsules), self._part_bodies[: len(self.capsules)]
+        starts, ends = (placements.points(bodies, np.array(end).reshape(-1, 3)) for end in axes)
+        along, radii = ends - starts, np.array([capsule.radius for capsule in self.capsules])
+        first, second = self.watched[self.watched[:, 1] < count].T
         distance, point, direction = segment_distance(
             starts[:, first], along[:, first], starts[:, second], along[:, second]
         )
         rows = [(distance - radii[first] - radii[second], point, direction)]
-        for index, obstacle in enumerate(self.obstacles):
-            capsules = self.encounters[self.encounters[:, 1] == index, 0]
+        for index, obstacle in enumerate(self.obstacles, start=count):
+            capsules = self.watched[self.watched[:, 1] == index, 0]
             distance, point, direction = body_distance(
                 starts[:, capsules], along[:, capsules], partial(signed_distance, obstacle)
             )
@@ -246,31 +243,32 @@ class CapsuleSpace(Noun):
         distances, points, directions = (np.concatenate(parts, axis=1) for parts in zip(*rows, strict=True))
         return distances, points, directions
 
-    def _pair_names(self, meetings: Integers, encounters: Integers) -> tuple[tuple[str, str], ...]:
-        links, names = [capsule.link for capsule in self.capsules], [obstacle.name for obstacle in self.obstacles]
-        link_pairs = [(links[first], links[second]) for first, second in meetings]
-        return (*link_pairs, *((links[capsule], names[obstacle]) for capsule, obstacle in encounters))
+    def _pair_names(self, pairs: Integers) -> tuple[tuple[str, str], ...]:
+        names = [*(capsule.link for capsule in self.capsules), *(obstacle.name for obstacle in self.obstacles)]
+        return tuple((names[first], names[second]) for first, second in pairs)
 
     @cached_property
-    def _capsule_bodies(self) -> Integers:
-        return np.array([capsule.body for capsule in self.capsules], dtype=np.intp)
-
-    @cached_property
-    def _capsule_radii(self) -> Array:
-        return np.array([capsule.radius for capsule in self.capsules])
+    def _part_bodies(self) -> Integers:
+        """Bodies of the capsules, and the root for the obstacles."""
+        return np.array([*(capsule.body for capsule in self.capsules), *(-1 for _ in self.obstacles)], dtype=np.intp)
 
 
-def candidate_pairs(bodies: RigidBodies, parts: Sequence[int]) -> list[tuple[int, int]]:
-    """Return the pairs of ``parts``, each given by its body, that may meet.
+def candidate_pairs(bodies: RigidBodies, parts: Sequence[int], obstacles: int) -> tuple[Integers, int]:
+    """Return the pairs (P, 2) that may meet, by index in (*parts, *obstacles), and the number of those of two parts,
+    which come first.
 
-    Parts of one body, and of a body and the next one (of those that have parts), may not.
+    ``parts`` are given by their bodies. Those of one body, and of a body and the next one (of those that have parts),
+    do not meet, nor does what stands still.
     """
     neighbour_pairs = neighbours(bodies, set(parts))
-    return [
+    meetings = [
         (first, second)
         for first, second in combinations(range(len(parts)), 2)
         if parts[first] != parts[second] and frozenset((parts[first], parts[second])) not in neighbour_pairs
     ]
+    moving_parts = [part for part, body in enumerate(parts) if body >= 0]
+    encounters = [(part, len(parts) + obstacle) for obstacle in range(obstacles) for part in moving_parts]
+    return np.array([*meetings, *encounters], dtype=np.intp).reshape(-1, 2), len(meetings)
 
 
 def refuse_contact(space: Distances, q: Array, clearance: float, pose_name: str) -> None:

@@ -29,7 +29,6 @@ DEFAULT_CLEARANCE, ADJACENT_DISTANCE = 0.01, 0.01
 MIN_NEAR_SHARE = 0.9  # share of the poses in which links are near each other that are left out
 MAX_OBSTACLE_DEPTH = 0.15  # m inside an obstacle: more than a link reaches that is mounted on it
 DEFAULT_HALF_RANGE = np.pi  # rad or m: the range of a joint without limits, to both sides
-IndexPair = tuple[int, int]
 TRIANGLE_DISTANCE = 0.02  # m: nearer than this by their convex hulls, the triangles of meshes are compared
 MIN_CONVEX_SHARE = 0.999  # of the volume of its hull: a mesh is convex
 TRIAL_POSES = 200  # poses in which the pairs are tried
@@ -55,52 +54,33 @@ def build_capsule_space(
 
     Raises ConfigError for an obstacle that the end of the arm is at in all poses, or another link 150 mm inside it.
     """
-    capsules, obstacles = tuple(capsules), (*own_boxes, *obstacles)
     # boxes of its own count as parts of the root link here
-    pairs = candidate_pairs(bodies, [*(element.body for element in capsules), *(-1 for _ in own_boxes)])
-    count = len(capsules)
-    meetings = _index_pairs([pair for pair in pairs if max(pair) < count])
-    box_pairs = sorted(
-        ((element, partner - count) for element, partner in pairs if partner >= count), key=lambda pair: pair[1]
-    )
-    moving_capsules = [index for index, element in enumerate(capsules) if element.body >= 0]
-    encounters = _index_pairs(
-        [
-            *box_pairs,
-            *((element, partner) for partner in range(len(own_boxes), len(obstacles)) for element in moving_capsules),
-        ]
-    )
+    parts = [*(capsule.body for capsule in capsules), *(-1 for _ in own_boxes)]
+    pairs, link_count = candidate_pairs(bodies, parts, len(obstacles))
+    pairs = pairs[np.argsort(np.maximum(pairs[:, 1], len(capsules) - 1), kind="stable")]  # obstacle by obstacle
     # first watch every pair, then drop those that are near each other by construction
-    full_space = CapsuleSpace(bodies, capsules, obstacles, meetings, encounters)
+    full_space = CapsuleSpace(bodies, tuple(capsules), (*own_boxes, *obstacles), pairs, pairs[:0])
     distances = full_space.distances(sample_robot_poses(bodies, lower, upper))
-    is_watched = ~always_near_mask(distances, len(meetings) + len(box_pairs), clearance)
-    watched_meetings, watched_encounters = is_watched[: len(meetings)], is_watched[len(meetings) :]
-    _refuse_within(full_space, distances[:, len(meetings) :].max(axis=0), watched_encounters, len(own_boxes))
-    unwatched = meetings[~watched_meetings], encounters[~watched_encounters]
-    return CapsuleSpace(
-        bodies, capsules, obstacles, meetings[watched_meetings], encounters[watched_encounters], unwatched
-    )
+    is_near = always_near_mask(distances, link_count, clearance)
+    for k in link_count + np.flatnonzero(is_near[link_count:]):
+        _refuse_within(full_space, *pairs[k], float(distances[:, k].max()))
+    return replace(full_space, watched=pairs[~is_near], unwatched=pairs[is_near])
 
 
-def _refuse_within(space: CapsuleSpace, largest_distances: Array, watched: NDArray[np.bool_], own_count: int) -> None:
+def _refuse_within(space: CapsuleSpace, first: int, second: int, distance: float) -> None:
     """Raise ConfigError where a link at the end of the arm is at an obstacle in every pose, or another deep inside it.
 
-    ``largest_distances`` (M) are those of the encounters, of which the ``watched`` ones are kept. The first
-    ``own_count`` obstacles belong to the arm.
+    They are a pair by index, whose largest ``distance`` is given (m).
     """
     inner_bodies = {body.parent for body in space.bodies.arm.bodies}
-    for k in np.flatnonzero(~watched & (space.encounters[:, 1] >= own_count)):
-        capsule, obstacle = space.capsules[space.encounters[k, 0]], space.obstacles[space.encounters[k, 1]]
-        if capsule.body not in inner_bodies or largest_distances[k] < -MAX_OBSTACLE_DEPTH:
-            relation = (
-                f"overlaps it by {-1e3 * largest_distances[k]:.0f} mm or more"
-                if largest_distances[k] < 0
-                else "is nearer than the clearance"
-            )
-            raise ConfigError(
-                f"{obstacle.name!r}: in every pose {capsule.link!r} {relation}, so that no motion keeps "
-                "clear of it. Correct its place and size, in m along the axes of the root link, or leave it out."
-            )
+    capsule, obstacle = space.capsules[first], space.obstacles[second - len(space.capsules)]
+    if capsule.body not in inner_bodies or distance < -MAX_OBSTACLE_DEPTH:
+        depth = f"overlaps it by {-1e3 * distance:.0f} mm or more"
+        relation = depth if distance < 0 else "is nearer than the clearance"
+        raise ConfigError(
+            f"{obstacle.name!r}: in every pose {capsule.link!r} {relation}, so that no motion keeps "
+            "clear of it. Correct its place and size, in m along the axes of the root link, or leave it out."
+        )
 
 
 def build_space(
@@ -156,12 +136,8 @@ def sample_poses(lower: Array, upper: Array, count: int) -> Array:
     return np.asarray(lower + share * (upper - lower))
 
 
-def _index_pairs(pairs: Sequence[tuple[int, int]]) -> Integers:
-    return np.array(pairs, dtype=np.intp).reshape(-1, 2)
-
-
 class ExactSpace(Noun):
-    """The ``solids`` of an arm, and ``obstacles``; ``watched`` are pairs of indices in (*solids, *obstacles).
+    """The ``solids`` of an arm, and ``obstacles``; ``watched`` are pairs (P, 2) of indices in (*solids, *obstacles).
 
     A mesh counts as its convex hull where that is 20 mm away, else as its triangles. ``left_out`` are pairs
     of links that touch in nearly every pose.
@@ -170,7 +146,7 @@ class ExactSpace(Noun):
     bodies: RigidBodies
     solids: tuple[Solid, ...]
     obstacles: tuple[Obstacle, ...]
-    watched: tuple[IndexPair, ...]
+    watched: Integers
     left_out: tuple[tuple[str, str], ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -213,41 +189,34 @@ def exact_space(
     ]
     solids = (*geometry.solids, *(element.solid for element in default_capsules))
     own_boxes = fixed_boxes(geometry)
-    obstacles = tuple(element for element in space.obstacles if element not in own_boxes)
-    parts = [*(element.body for element in solids), *(obstacle.name for obstacle in obstacles)]
-    link_pairs = candidate_pairs(geometry.bodies, [element.body for element in solids])
-    moving_solids = [index for index, element in enumerate(solids) if element.body >= 0]
-    contact = [(element, len(solids) + partner) for partner in range(len(obstacles)) for element in moving_solids]
-    full_space = ExactSpace(geometry.bodies, solids, obstacles, (*link_pairs, *contact))
+    obstacles = space.obstacles[len(own_boxes) :]
+    parts = [element.body for element in solids]
+    pairs, link_count = candidate_pairs(geometry.bodies, parts, len(obstacles))
+    full_space = ExactSpace(geometry.bodies, solids, obstacles, pairs)
     distances = full_space.distances(sample_robot_poses(geometry.bodies, lower, upper, TRIAL_POSES))
     # where the capsules of two bodies are not watched, no motion keeps them apart: leave them out here as well
-    touches = np.any(distances < clearance, axis=0).tolist()
-    body_pairs = [frozenset((parts[element], parts[partner])) for element, partner in full_space.watched]
-    unavoidable = _unwatched_pairs(space, own_boxes) & {
-        element for element, contact in zip(body_pairs, touches, strict=True) if contact
-    }
-    is_watched = ~always_near_mask(distances, len(link_pairs), clearance) & np.array(
-        [element not in unavoidable for element in body_pairs], dtype=bool
-    )
-    watched = tuple(pair for pair, stays in zip(full_space.watched, is_watched, strict=True) if stays)
-    names = dict.fromkeys(pair for pair, stays in zip(full_space.pairs, is_watched, strict=True) if not stays)
-    return replace(full_space, watched=watched, left_out=tuple(names))
+    obstacle_names = [obstacle.name for obstacle in obstacles]
+    body_pairs = _named_pairs(pairs, [*parts, *obstacle_names])
+    touching_pairs = {body_pairs[k] for k in np.flatnonzero(np.any(distances < clearance, axis=0))}
+    capsule_bodies = [capsule.body for capsule in space.capsules]
+    unwatched_pairs = _named_pairs(space.unwatched, [*capsule_bodies, *(-1 for _ in own_boxes), *obstacle_names])
+    unavoidable = touching_pairs.intersection(unwatched_pairs)
+    is_left_out = always_near_mask(distances, link_count, clearance)
+    is_left_out |= np.array([pair in unavoidable for pair in body_pairs], dtype=bool)
+    left_out = dict.fromkeys(full_space.pairs[k] for k in np.flatnonzero(is_left_out))
+    return replace(full_space, watched=pairs[~is_left_out], left_out=tuple(left_out))
 
 
-def _unwatched_pairs(space: CapsuleSpace, own_boxes: Sequence[Box]) -> set[frozenset[int | str]]:
-    """Return the pairs of bodies, or of a body and the name of an obstacle, whose capsules are not watched."""
-    capsule_bodies = [element.body for element in space.capsules]
-    obstacle_names = [-1 if element in own_boxes else element.name for element in space.obstacles]
-    meetings, encounters = space.unwatched
-    body_pairs = (frozenset[int | str]((capsule_bodies[a], capsule_bodies[b])) for a, b in meetings)
-    return {*body_pairs, *(frozenset[int | str]((capsule_bodies[a], obstacle_names[b])) for a, b in encounters)}
+def _named_pairs(pairs: Integers, names: Sequence[int | str]) -> list[frozenset[int | str]]:
+    """Return pairs by index as pairs of bodies, or of a body and the name of an obstacle."""
+    return [frozenset((names[first], names[second])) for first, second in pairs]
 
 
 class _CollisionScene:
     """The shapes as objects of Pinocchio and Coal."""
 
     def __init__(
-        self, bodies: RigidBodies, solids: Sequence[Solid], obstacles: Sequence[Obstacle], watched: Sequence[IndexPair]
+        self, bodies: RigidBodies, solids: Sequence[Solid], obstacles: Sequence[Obstacle], watched: Integers
     ) -> None:
         import coal
         import pinocchio as pin
@@ -267,9 +236,9 @@ class _CollisionScene:
         for obstacle in obstacles:
             shape, frame = _obstacle_shape(obstacle)
             self._add(shape, 0, frame)
-        for first, second in watched:
+        self._watched: list[list[int]] = watched.tolist()
+        for first, second in self._watched:
             self._shapes.addCollisionPair(pin.CollisionPair(first, second))
-        self._watched = watched
         self._data, self._found = self._model.createData(), self._shapes.createData()
 
     def pose_distances(self, positions: Array) -> list[float]:

@@ -1,6 +1,6 @@
 """A robot that is watched while it works: a result followed on a stream of samples."""
 
-from dynident.apps.online.detector import (
+from dynident.apps.online.events import (
     Alarm,
     Back,
     BadLines,

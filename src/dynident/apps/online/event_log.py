@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from dynident.apps.online.detector import BadLines, BaselineKnown, Changed, Event
+from dynident.apps.online.events import BadLines, BaselineKnown, Changed, Event
 from dynident.files.folder import ResultFolder
 
 EVENTS = "changes.jsonl"

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps.online.detector import Back, Event, Fault, FaultKind, Signal
+from dynident.apps.online.events import Back, Event, Fault, FaultKind, Signal
 from dynident.runtime.arrays import Array
 
 MISSING_SAMPLES = 3  # samples in a row without a number

@@ -21,7 +21,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from dynident.apps.online.detector import BadLines
+from dynident.apps.online.events import BadLines
 from dynident.apps.online.watcher import MAX_TIME
 from dynident.files.opener import file_status, open_input
 from dynident.files.stamps import iso_stamp

@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps.online import detector, event_log, fixed_lag, scores
-from dynident.apps.online.detector import Event, Resumed
+from dynident.apps.online import detector, event_log, events, fixed_lag, scores
 from dynident.apps.online.event_log import EventLog
+from dynident.apps.online.events import Event, Resumed
 from dynident.apps.online.recorded import RecordedFile, is_recorded
 from dynident.apps.online.stream import FollowedFile, LineReader, SampleReader, StandardInput
 from dynident.apps.online.watcher import Watcher, WatchSettings
@@ -40,7 +40,7 @@ FORMAT, VERSION = "dynident watch", 3
 # what a state may hold: the dataclasses and kinds of these files
 STATE_TYPES = [
     member
-    for module in (detector, event_log, fixed_lag, scores)
+    for module in (detector, event_log, events, fixed_lag, scores)
     for member in vars(module).values()
     if isinstance(member, type) and (member is GroupKind or member.__module__ == module.__name__)
 ]

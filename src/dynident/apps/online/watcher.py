@@ -12,19 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dynident.apps.online.candidates import Candidates, threshold
-from dynident.apps.online.detector import (
-    Back,
-    ClockReset,
-    Detector,
-    Event,
-    Fault,
-    FaultKind,
-    Gap,
-    Knowledge,
-    Resting,
-    Signal,
-    Unreadable,
-)
+from dynident.apps.online.detector import Detector, Knowledge
+from dynident.apps.online.events import Back, ClockReset, Event, Fault, FaultKind, Gap, Resting, Signal, Unreadable
 from dynident.apps.online.fixed_lag import StreamSmoothing
 from dynident.apps.online.scores import Gram, Scorer
 from dynident.apps.online.sensors import Sensors, possible_values

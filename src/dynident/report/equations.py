@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import field, replace
 from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
+from markupsafe import Markup
 
 from dynident.estimators import Provenance
 from dynident.models import CoupledFriction, CoupledMotor, Equation, Lagrangian, RotorInertia
@@ -26,14 +27,10 @@ from dynident.report.mathml import (
     with_symbol,
 )
 from dynident.report.page import MEANING, PageBlock, PageSection, PageTable, unit_text
-from dynident.runtime import count, join_names
+from dynident.runtime import Noun, count, join_names
 from dynident.runtime.families import TERMS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from markupsafe import Markup
-
     from dynident.identification import Identification
     from dynident.models import Model, Term
 
@@ -87,8 +84,6 @@ def _parameter_meanings(model: Model) -> Iterator[tuple[str, str]]:
 
 
 def _meaning_markup(words: str, name: str, parameter: str, equation: Equation) -> Markup:
-    from markupsafe import Markup
-
     substitutes = {name: symbol(parameter if len(parameter) == 1 else name)} | motor_symbols(equation)
     return Markup("{}: {}").format(words, inline(with_symbol(equation.torque, name), substitutes))
 
@@ -98,8 +93,7 @@ def motor_symbols(equation: Equation) -> dict[str, str]:
     return {"q": symbol("phi"), "dq": symbol("dphi"), "ddq": symbol("ddphi")} if equation.motor else {}
 
 
-@dataclass(frozen=True)
-class _Law:
+class _Law(Noun):
     """What acts at one joint or in one motor beside the bodies.
 
     ``summands`` are equations with the words for their terms; ``extra_torques`` are names of motors with their
@@ -286,8 +280,6 @@ def _known_values(identification: Identification) -> dict[str, float]:
 
 def _equation_markup(lhs: str, parts: Iterable[tuple[str, Substitutes]]) -> Markup:
     """Return an equation in pieces, between which a line may be broken."""
-    from markupsafe import Markup
-
     summands = [piece for part in parts for piece in signed_summands(*part)] or signed_summands("0")
     beginning = inline(f'{lhs}<mo rspace="0">=</mo>', is_markup=True)
     markup = []
@@ -302,15 +294,11 @@ def _math(text: str) -> str:
 
 
 def _paragraph(html: str) -> Markup:
-    from markupsafe import Markup
-
     return Markup(f"<p>{html}</p>")  # noqa: S704 -- of escaped parts
 
 
 def _equation_box(title: str, rows: Iterable[tuple[str, Markup, str]]) -> Markup:
     """Return equations one below the other, each with its name and unit, in a box that scrolls by itself."""
-    from markupsafe import Markup
-
     line = Markup('<div><span class="of">{}</span><span class="law">{} <span class="unit">{}</span></span></div>')
     inner = Markup("").join(line.format(*row) for row in rows)
     return Markup('<div class="equations" tabindex="0" role="group" aria-label="{}">{}</div>').format(title, inner)

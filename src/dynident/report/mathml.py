@@ -9,13 +9,10 @@ import ast
 import re
 from collections.abc import Iterator, Mapping
 from html import escape
-from typing import TYPE_CHECKING
+
+from markupsafe import Markup
 
 from dynident.runtime import number
-
-if TYPE_CHECKING:
-    from markupsafe import Markup
-
 
 Substitutes = Mapping[str, float | str]
 """What stands for a name: a number, or MathML that ``symbol`` or ``named`` has made; else the name itself."""
@@ -41,8 +38,6 @@ def inline(text: str, substitutes: Substitutes | None = None, is_markup: bool = 
     """Return an expression, or MathML where ``is_markup``, as an element among words. Raises what
     ``signed_summands`` does.
     """
-    from markupsafe import Markup
-
     if is_markup:
         return Markup(f"<math>{text}</math>")  # noqa: S704 -- made here, of escaped parts
     inner = _expression(_parse(text), substitutes or {})

@@ -20,11 +20,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import quote
 
-from dynident.runtime import InputError, install_command
+from markupsafe import Markup, escape
+
+from dynident.runtime import InputError, Noun, install_command
 
 if TYPE_CHECKING:
     import jinja2
-    from markupsafe import Markup
 
     from dynident.report.figures import Drawing
 
@@ -60,8 +61,6 @@ def cell(text: str) -> str:
 
 def sentence(text: str) -> Markup:
     """Return a sentence, escaped, with its `code` set as such, ± for +-, and no line break before %."""
-    from markupsafe import Markup, escape
-
     if hasattr(text, "__html__"):
         return Markup(text)  # noqa: S704 -- it is one already
     parts = re.split(r"`([^`]+)`", text)
@@ -164,8 +163,7 @@ class Code:
     text: str
 
 
-@dataclass(frozen=True, eq=False)
-class Figure:
+class Figure(Noun):
     """A figure and the sentence below it; one that moves has a ``player``, or only follows others."""
 
     figure: Drawing
@@ -173,8 +171,7 @@ class Figure:
     player: bool = True
 
 
-@dataclass(frozen=True, eq=False)
-class PageSection:
+class PageSection(Noun):
     """A titled part of a page; text becomes a paragraph, a tuple of texts a list, a section a part of its own."""
 
     title: str
@@ -182,16 +179,14 @@ class PageSection:
     badge: Badge | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Fold:
+class Fold(Noun):
     """Blocks behind their title, which a reader opens."""
 
     title: str
     blocks: tuple[PageBlock, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class Gallery:
+class Gallery(Noun):
     """Views of which a reader sees one at a time: each has one option per label, such as its log and its joint.
 
     A choice holds for all galleries of the page that offer it.
@@ -207,8 +202,7 @@ class Gallery:
         return tuple((label, tuple(dict.fromkeys(column))) for label, column in zip(self.labels, columns, strict=False))
 
 
-@dataclass(frozen=True, eq=False)
-class Beside:
+class Beside(Noun):
     """Two columns of blocks that stand side by side where there is room, one a little wider."""
 
     left: tuple[PageBlock, ...]
@@ -300,8 +294,6 @@ def _block_kind(block: PageBlock) -> str:
 
 def _figure_json(figure: Drawing) -> Markup:
     """Return the figure as JSON that can stand in a script element whatever its texts hold."""
-    from markupsafe import Markup
-
     text = figure.json()
     for sign in "<>&\u2028\u2029":
         text = text.replace(sign, f"\\u{ord(sign):04x}")

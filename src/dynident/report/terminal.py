@@ -20,7 +20,7 @@ from dynident.report.identification.parameters import parameter_figure, terminal
 from dynident.report.identification.report import verdict_text
 from dynident.report.identification.validation import error_table
 from dynident.report.page import Column, PageTable
-from dynident.runtime import InputError, Use, choices, join_names, number, shorten_names
+from dynident.runtime import InputError, Noun, Use, choices, join_names, number, shorten_names
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -245,8 +245,7 @@ def _table_html(table: PageTable) -> str:
     return f"<table><caption>{escape(table.caption)}</caption><tr>{heads}</tr>{body}</table>"
 
 
-@dataclass(frozen=True, eq=False)
-class Plot:
+class Plot(Noun):
     """The figures of a report, drawn by plotly; a notebook shows each that a cell returns, ``write_html`` writes it.
 
     ``log`` and ``joint`` are names; by default the first log that was held out, and the joint with its largest error.

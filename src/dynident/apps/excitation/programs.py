@@ -9,7 +9,7 @@ signs and cancels.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +18,7 @@ from dynident.apps.excitation.limits import Feasibility, min_fit_speeds
 from dynident.apps.excitation.motion import MotionRequest
 from dynident.apps.excitation.trajectory import Course, Hold, Piece, Purpose, Sweep, ramp_times, round_up
 from dynident.apps.excitation.way import Quintic, find_path
-from dynident.runtime import ConfigError, join_names
+from dynident.runtime import ConfigError, Noun, join_names
 from dynident.runtime.arrays import Array
 
 POSE_TRIALS, JOINT_POSITIONS = 24, 33  # poses that are tried, and positions of each joint there
@@ -40,8 +40,7 @@ PASS_SPEED_FACTOR = 2.0  # times what a fit leaves out as too slow
 JERK_DURATION = 0.1  # s that the jerk acts on the way to that speed and back, twice each: gently
 
 
-@dataclass(frozen=True, eq=False)
-class _JointSweeps:
+class _JointSweeps(Noun):
     """Sweeps of a joint from its ``pose`` (n) over the free range in one direction (rad, m), and their speeds."""
 
     pose: Array
@@ -282,8 +281,7 @@ def _sweep_to_and_fro(feasible: Feasibility, pose: Array, velocity: Array) -> tu
     return forward, replace(forward, pose=forward.end, distance=-distance)
 
 
-@dataclass(frozen=True, eq=False)
-class _Tour:
+class _Tour(Noun):
     """Visits, which begin and end at their stops, and a home pose (n) before and after them; stop 0 is the home."""
 
     feasible: Feasibility

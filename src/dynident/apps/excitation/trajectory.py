@@ -117,8 +117,7 @@ class Trajectory(Noun):
         return out
 
 
-@dataclass(frozen=True)
-class SlowedCourse:
+class SlowedCourse(Noun):
     """A ``course`` that takes ``times`` as long: dq, ddq and the jerk are divided by times, its square and its cube."""
 
     course: Course

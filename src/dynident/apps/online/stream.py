@@ -31,7 +31,7 @@ from dynident.models import Joint
 from dynident.project.fields import Channel, unit_factor
 from dynident.project.settings import Config, check_joints
 from dynident.project.signals import column_names, joint_values, unwrap
-from dynident.runtime import ConfigError, InputError, choices
+from dynident.runtime import ConfigError, InputError, Noun, choices
 from dynident.runtime.arrays import Array
 
 CHUNK_SIZE = 1 << 20  # bytes
@@ -155,8 +155,7 @@ class FollowedFile:
         return not os.path.samestat(named_status, open_status) or open_status.st_size < self.offset
 
 
-@dataclass(frozen=True, eq=False)
-class StreamSamples:
+class StreamSamples(Noun):
     """Samples t (N) s, q and tau (N, n) in SI, nan for missing numbers; ``bad`` describes the lines left out."""
 
     t: Array

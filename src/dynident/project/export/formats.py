@@ -19,7 +19,7 @@ from dynident.project.export.numpy_module import identified_module
 from dynident.project.export.robot_files import has_actuators, identified_mjcf, identified_urdf
 from dynident.project.export.servos import constant_torques
 from dynident.project.export.written import ExportText, Reader, States, place_values
-from dynident.runtime import DynidentError
+from dynident.runtime import DynidentError, Noun
 from dynident.runtime.arrays import Array
 
 FRAME = (
@@ -79,8 +79,7 @@ def torque_by_dynident(text: str, identified: IdentifiedModel, states: States) -
     return np.asarray(torque + joint_drives.torque(names, *states[1:]))
 
 
-@dataclass(frozen=True, eq=False)
-class PinocchioArm:
+class PinocchioArm(Noun):
     """The ``bodies`` of an arm as Pinocchio reads them: its ``model``, whose joints have an order of their own."""
 
     model: Any
@@ -247,7 +246,6 @@ class RobotFile:
         return np.asarray(bodies.torque(*states, values.ravel()) + joint_drives.torque(names, *states[1:]))
 
 
-@dataclass(frozen=True)
 class Urdf(RobotFile):
     """The robot's own URDF, or one of its MJCF, with the identified inertias, damping and friction."""
 
@@ -260,7 +258,6 @@ class Urdf(RobotFile):
         return identified_urdf(identified)
 
 
-@dataclass(frozen=True)
 class Mjcf(RobotFile):
     """The robot's own MJCF, or one of its URDF, with the identified inertias, damping, friction and armature."""
 

@@ -92,8 +92,7 @@ def depends_on_past(term: Term) -> bool:
     return term.memory > 0 and not (isinstance(term, JointTerm) and term.states == ("load",) and term.formula())
 
 
-@dataclass(frozen=True, eq=False)
-class Drives:
+class Drives(Noun):
     """The joint attributes of a robot file: damping (N m s/rad), friction (N m), armature (kg m^2), a constant torque
     ``offset`` (N m), or for sliding.
 
@@ -209,8 +208,7 @@ def omission_notes(term: Term, values: Array) -> Iterator[str]:
             yield f"{parameter.name} = {value:.6g} {parameter.unit} ({parameter.expression})"
 
 
-@dataclass(frozen=True, eq=False)
-class LinkInertias:
+class LinkInertias(Noun):
     """The identified bodies divided among the links of the file.
 
     ``links`` has by link its parameters (10) in its own frame, None for a link that loses its inertia; unchanged

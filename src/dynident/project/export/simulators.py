@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar
 
@@ -70,7 +70,6 @@ def _value(actuator: XmlNode, name: str) -> float | None:
     return None if node is None else float(node.attributes["value"])
 
 
-@dataclass(frozen=True)
 class Drake(RobotFile):
     """A URDF with the elements of Drake for rotor inertia, gear ratio, gains; Drake has no dry friction of joints."""
 
@@ -132,7 +131,6 @@ def _drake_root(bodies: RigidBodies) -> str:
     return f"{DRAKE_MODEL}::{bodies.file.root}"
 
 
-@dataclass(frozen=True)
 class DrakeDirectives(RobotFile):
     """Model directives of Drake: the URDF for it, with its root welded so that gravity acts as in the model."""
 
@@ -244,7 +242,6 @@ def torque_by_isaac_values(text: str, identified: IdentifiedModel, states: State
     return torque_by_dynident(str(urdf), identified, states) + joint_drives.torque(names, *states[1:])
 
 
-@dataclass(frozen=True)
 class IsaacLab(RobotFile):
     """A module with the ``ArticulationCfg`` of Isaac Lab, for the identified URDF beside it."""
 
@@ -292,7 +289,6 @@ def torque_by_pinocchio_file(text: str, identified: IdentifiedModel, states: Sta
     return PinocchioArm(model, bodies).torque(states, partial(namespace["inverse_dynamics"], model, model.createData()))
 
 
-@dataclass(frozen=True)
 class PinocchioFile(RobotFile):
     """A module that builds the model of Pinocchio, with rotor inertia, friction and damping, and checks itself."""
 

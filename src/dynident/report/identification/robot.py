@@ -9,6 +9,7 @@ from hashlib import sha256
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from dynident.identification import Identification
 from dynident.identification.links import BodyInertia, DeterminedBy, LinkInertia, link_inertias, rigid_bodies
@@ -274,8 +275,6 @@ def export_section(exports: Sequence[Export]) -> Iterator[PageSection]:
 
 def export_links(exports: Sequence[Export]) -> tuple[str, ...]:
     """Return links to the files that lie beside the report, as one paragraph of HTML; nothing where there are none."""
-    from markupsafe import Markup
-
     files = [export.file for export in exports if export.ready]
     if not files:
         return ()

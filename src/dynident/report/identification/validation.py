@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +13,7 @@ from dynident.report.figures import Array
 from dynident.report.identification.figures import error_figure, run_figure, smoothing_figure, torque_figure
 from dynident.report.page import UNIT, Beside, Column, Figure, Fold, Head, PageBlock, PageSection, PageTable, render
 from dynident.report.words import ROLES, figure_gallery, label_of, points
-from dynident.runtime import ConfigError, InputError, join_names, number
+from dynident.runtime import ConfigError, InputError, Noun, join_names, number
 from dynident.validation import FloorOrigin, residual_text
 
 if TYPE_CHECKING:
@@ -220,8 +219,7 @@ def prediction_frame(logs: Sequence[tuple[LogValidation, bool]]) -> pl.DataFrame
     return pl.concat(parts)
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothedTable:
+class SmoothedTable(Noun):
     """Columns of a file with their spline: ``names`` (k) of ``measured`` (N, k), over the column ``time``.
 
     ``stamps`` (N) are the values of that column, in its own unit.

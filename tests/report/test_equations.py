@@ -10,8 +10,8 @@ import pytest
 from dynident.models import CoupledFriction, CoupledMotor, Joint, Model, RigidBodies, RotorInertia
 from dynident.models.friction import Coulomb, Stribeck, Viscous
 from dynident.models.lagrangian import pendulum, slider, two_link_arm
-from dynident.report.equations import SUMMAND_ORDER, model_section, term_words, with_formulas
-from dynident.report.page import MEANING, Column, PageSection, PageTable, render
+from dynident.report.equations import SUMMAND_ORDER, model_section, parameter_meanings, term_words
+from dynident.report.page import MEANING, PageSection, PageTable, render
 from dynident.runtime.families import TERMS
 from tests.robots import ARM
 
@@ -111,18 +111,13 @@ def test_every_kind_of_term_has_an_equation_and_words(kind):
     assert term_words(term) in SUMMAND_ORDER
 
 
-def meanings(model):
-    rows = tuple((parameter.name, parameter.expression) for parameter in model.parameters)
-    return with_formulas(PageTable((Column("parameter", numeric=False), MEANING), rows), model)
-
-
 def test_meanings_of_parameters_are_formulas():
-    table = meanings(two_link_arm())
-    arm = {name: str(meaning) for name, meaning in table.rows}
+    arm = dict(parameter_meanings(two_link_arm()))
     assert arm["theta3"].startswith('<math alttext="l1*lc2*m2">')
     assert "<mi>μ</mi>" in arm["theta6"]
-    assert str(meanings(slider()).rows[2][1]).startswith('Coulomb friction: <math alttext="F_c * sign(dq)">')
-    assert "<mi>b</mi>" in meanings(Model((Viscous(JOINTS, on=("base",), names=("b",)),))).rows[0][1]
+    coulomb = [*parameter_meanings(slider())][2][1]
+    assert str(coulomb).startswith('Coulomb friction: <math alttext="F_c * sign(dq)">')
+    ((_, viscous),) = parameter_meanings(Model((Viscous(JOINTS, on=("base",), names=("b",)),)))
+    assert "<mi>b</mi>" in viscous
+    table = PageTable.of(("parameter",), (MEANING,), arm.items())
     assert render("Title", "Lead", [PageSection("One", (table,))]).count("<math alttext=") == 7
-    plain = PageTable((Column("parameter", numeric=False), Column("value")), (("a", "1"),))
-    assert with_formulas(plain, Model(slider().terms)) is plain

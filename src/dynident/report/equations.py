@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import field
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
 
 from dynident.estimators import Provenance
-from dynident.models import CoupledFriction, CoupledMotor, Equation, Lagrangian, RotorInertia
+from dynident.identification import Identification
+from dynident.models import CoupledFriction, CoupledMotor, Equation, Lagrangian, Model, RotorInertia, Term
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.report.mathml import (
     MINUS,
@@ -26,13 +26,9 @@ from dynident.report.mathml import (
     with_primes,
     with_symbol,
 )
-from dynident.report.page import MEANING, PageBlock, PageSection, PageTable, unit_text
+from dynident.report.page import PageBlock, PageSection, unit_text
 from dynident.runtime import Noun, count, join_names
 from dynident.runtime.families import TERMS
-
-if TYPE_CHECKING:
-    from dynident.identification import Identification
-    from dynident.models import Model, Term
 
 MASS = "mass, with that of the rotor"  # of a joint that slides
 MOTOR = {"I_a": RotorInertia.title, "F_v": Viscous.title, "F_c": Coulomb.title, "tau_o": Offset.title}
@@ -63,15 +59,7 @@ def equation_words(term: Term, equation: Equation, unit: str) -> str:
     return MASS if words == RotorInertia.title and unit == "kg" else words
 
 
-def with_formulas(table: PageTable, model: Model) -> PageTable:
-    """Return a table whose last column, the meaning of parameters, has their formulas added."""
-    if not table.columns or table.columns[-1] is not MEANING:
-        return table
-    meaning = dict(_parameter_meanings(model))
-    return replace(table, rows=tuple((*row[:-1], meaning.get(row[0], row[-1])) for row in table.rows))
-
-
-def _parameter_meanings(model: Model) -> Iterator[tuple[str, str]]:
+def parameter_meanings(model: Model) -> Iterator[tuple[str, str]]:
     """Yield the formula of each parameter: for bodies by the unknowns, else its part of the torque."""
     for term in model.terms:
         if isinstance(term, Lagrangian) or getattr(term, "expressions", None):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from dynident.identification import Identification
 from dynident.identification.links import DeterminedBy, LinkInertia, determined_by, link_inertias
 from dynident.models import INERTIAL, Geometry, Parameter, ShapeSource
-from dynident.report.equations import with_formulas
+from dynident.report.equations import parameter_meanings
 from dynident.report.identification.figures import has_nominal_values, interval_figure, relative_std
 from dynident.report.page import MEANING, UNIT, Column, Figure, Fold, Gallery, Head, PageBlock, PageSection, PageTable
 from dynident.report.words import motion_known
@@ -79,17 +79,18 @@ def parameter_section(identification: Identification) -> PageSection:
     blocks: list[PageBlock] = [" ".join((_certainty_sentence(identification), *rank_sentence(identification, "below")))]
     blocks += [_ROBUST] if identification.errors.allows_correlation else []
     blocks += [_VERDICT] if identification.estimate.provenance else [_COMBINED] if identification.base.on_data else []
+    meanings = dict(parameter_meanings(identification.model))
     determined, undetermined = _split_by_data(identification)
     if len(determined) <= MAX_FULL_LIST:
-        blocks += [_table_with_formulas(identification, determined)] if determined else []
+        blocks += [parameter_table(identification, determined, meanings)] if determined else []
     else:
         not_inertial = tuple(k for k in determined if parameters[k].role not in INERTIAL)
-        blocks += [_table_with_formulas(identification, not_inertial)] if not_inertial else []
+        blocks += [parameter_table(identification, not_inertial, meanings)] if not_inertial else []
         title = f"All {len(determined)} parameters that these data show"
-        blocks.append(Fold(title, (_table_with_formulas(identification, determined),)))
+        blocks.append(Fold(title, (parameter_table(identification, determined, meanings),)))
     if undetermined:
         title = f"{count(len(undetermined), 'parameter')} that these data do not show alone"
-        blocks.append(Fold(title, (_UNSEEN, _table_with_formulas(identification, undetermined))))
+        blocks.append(Fold(title, (_UNSEEN, parameter_table(identification, undetermined, meanings))))
     # Few parameters are drawn in one figure, many by group
     groups = {name: [k for k in rows if k in determined] for name, rows in _group_parameters(parameters).items()}
     groups = {name: rows for name, rows in groups.items() if rows}
@@ -99,14 +100,15 @@ def parameter_section(identification: Identification) -> PageSection:
     return PageSection("Parameters", (*blocks, *((Gallery(("group",), views),) if views else ())))
 
 
-def _table_with_formulas(identification: Identification, indices: tuple[int, ...]) -> PageTable:
-    return with_formulas(parameter_table(identification, indices), identification.model)
+def parameter_table(
+    identification: Identification, selected: Sequence[int], meanings: Mapping[str, str] | None = None
+) -> PageTable:
+    """Return the table of the ``selected`` parameters, by index; columns without content are left out.
 
-
-def parameter_table(identification: Identification, indices: tuple[int, ...] | None = None) -> PageTable:
-    """Return the table of the parameters at ``indices``, by default all; columns without content are left out."""
+    ``meanings`` by name take the place of their expressions.
+    """
     estimate, parameters = identification.estimate, identification.model.parameters
-    selected = range(len(parameters)) if indices is None else indices
+    meanings = {parameter.name: parameter.expression for parameter in parameters} | dict(meanings or {})
     errors = identification.errors.std
     relative = relative_std(estimate.value, errors)
     robust = identification.errors.allows_correlation
@@ -127,7 +129,7 @@ def parameter_table(identification: Identification, indices: tuple[int, ...] | N
             row += [number(float(errors[k]), 2), number(float(relative[k]) if estimate.value[k] else None, 2)]
             row += [number(float(identification.errors.std_independent[k]), 2)] * robust
         row += [number(parameters[k].value)] * has_reference + [estimate.units[k]]
-        row += list(verdict[k : k + 1]) + [parameters[k].expression] * has_meaning
+        row += list(verdict[k : k + 1]) + [meanings[estimate.names[k]]] * has_meaning
         rows.append(row)
     return PageTable.of(("parameter",), columns, rows, "Parameters with their standard errors")
 

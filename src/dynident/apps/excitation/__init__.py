@@ -5,7 +5,6 @@ from dynident.apps.excitation.clearance import CapsuleSpace
 from dynident.apps.excitation.criterion import Criterion
 from dynident.apps.excitation.design import Design, ExpectedAccuracy, Interrupted, design, expected_accuracy
 from dynident.apps.excitation.exact_space import build_space, exact_space
-from dynident.apps.excitation.expected_report import LimitedQuantity, design_figure, distance_figure, expected_figure
 from dynident.apps.excitation.limits import JointLimits, MotionLimits, min_fit_speeds, motion_limits
 from dynident.apps.excitation.motion import LeftOut, MotionRequest, Program
 from dynident.apps.excitation.trajectory import ClosestApproach, Course, Piece, Purpose, Trajectory, slow_down

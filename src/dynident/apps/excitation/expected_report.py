@@ -20,7 +20,7 @@ from dynident.regression import UnexcitedParameters
 from dynident.report import Array, Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, PALE, RED, Trace, curve, mark_rows, panels, plain, trace
 from dynident.report.page import Figure, Fold, PageBlock, PageSection, PageTable, formula_blocks, short_formula
-from dynident.runtime import Noun, count, install_command, join_names, number
+from dynident.runtime import count, install_command, join_names, number
 
 MAX_JOINTS, MAX_FILES = 8, 3  # joints, and files, in a sentence
 DOUBTFUL_LINKS = (ImpossibleInertia, NoMass, FarCentre)
@@ -33,6 +33,7 @@ _ORIGINS = {
     NoiseOrigin.RULE: "by rule: 1 % of the torque limit, or 1 N m. Give `noise`, or a result, for errors to rely on",
 }
 
+CURVE_POINTS = 1500  # of a curve
 RANGE_MARGIN = 0.08  # share of a range above and below it
 
 WELL, FAIR = 10.0, 30.0  # %, of the value: standard errors of what is known well, and fairly
@@ -152,27 +153,16 @@ def limit_words(design: Design) -> Iterator[str]:
         yield f"The limits that are given for {joint} exceed those of the robot file: {', '.join(names)}."
 
 
-class LimitedQuantity(Noun):
-    """A quantity of a joint over time (N) with its limits, infinite where there is none."""
-
-    title: str
-    values: Array
-    lower: float
-    upper: float
-
-
-def design_figure(t: Array, quantities: Sequence[LimitedQuantity], points: int = 2000) -> Drawing:
-    """Draw quantities of a joint over time t (N), one panel each, between their limits."""
-    figure = panels([quantity.title for quantity in quantities], 60 + 150 * len(quantities))
-    for row, quantity in enumerate(quantities, start=1):
-        line = {"color": BLUE, "width": 1.4}
-        figure.add(curve(t, quantity.values, quantity.title.partition(",")[0], line, points), row=row)
-        for limit in (quantity.lower, quantity.upper):
-            if np.isfinite(limit):
-                figure.add(_limit_line(t, limit, "limit"), row=row)
+def design_figure(t: Array, titles: Sequence[str], values: Array, limits: Array) -> Drawing:
+    """Draw quantities of a joint (Q, N) over time t (N), one panel each, between their limits (Q, 2), infinite where
+    there is none."""
+    figure = panels(titles, 60 + 150 * len(titles))
+    for row, (title, quantity, bounds) in enumerate(zip(titles, values, limits.tolist(), strict=True), start=1):
+        figure.add(curve(t, quantity, title.partition(",")[0], {"color": BLUE, "width": 1.4}, CURVE_POINTS), row=row)
+        for limit in filter(np.isfinite, bounds):
+            figure.add(_limit_line(t, limit, "limit"), row=row)
         # The panel holds the curve and its finite limits, with a margin
-        extremes = float(quantity.values.min()), float(quantity.values.max())
-        ends = [x for x in (quantity.lower, quantity.upper, *extremes) if np.isfinite(x)]
+        ends = [x for x in (*bounds, float(quantity.min()), float(quantity.max())) if np.isfinite(x)]
         room = RANGE_MARGIN * (max(ends) - min(ends) or 1.0)
         axis = figure.layout[f"yaxis{row}" if row > 1 else "yaxis"]
         axis["range"] = [min(ends) - room, max(ends) + room]

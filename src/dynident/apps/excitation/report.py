@@ -10,7 +10,6 @@ from dynident.apps.excitation.clearance import CapsuleSpace
 from dynident.apps.excitation.design import Design
 from dynident.apps.excitation.expected_report import (
     WELL,
-    LimitedQuantity,
     body_words,
     design_figure,
     distance_figure,
@@ -27,7 +26,7 @@ from dynident.apps.excitation.robot import ExcitationProject
 from dynident.apps.excitation.trajectory import Trajectory
 from dynident.apps.excitation.verify import QUANTITIES
 from dynident.identification import versions
-from dynident.models import Box, Floor, Geometry, Mesh, Obstacle, ShapeSource, Solid, outlines, solid_surface
+from dynident.models import Box, Floor, Geometry, Joint, Mesh, Obstacle, ShapeSource, Solid, outlines, solid_surface
 from dynident.models.robot_files import ShapeKind
 from dynident.regression import UnexcitedParameters
 from dynident.report import METAL, STILL, Replay, path_trace, root_surface, scene_figure, solid, surface
@@ -66,7 +65,6 @@ _VIEW_NOTE = (
 VIEW_HEIGHT = 430  # px
 
 DRAWING_RATE, MAX_DRAWN_SAMPLES = 250.0, 20_000  # Hz and samples of what is drawn
-CURVE_POINTS = 1500  # of a curve
 MOTIONS = ("motion", "validation")
 TRIAL, SLOWER = "trial", 4.0  # the first run: its name, and how many times slower it is
 _SLOWLY = (
@@ -267,27 +265,23 @@ def limit_use_table(design: Design) -> PageTable:
 
 
 def _gallery(design: Design) -> Gallery:
-    views = []
+    views, limits = [], design.limits
+    maxima = [limits.velocity, limits.acceleration, limits.jerk, limits.torque]
+    bounds = np.array([(limits.lower, limits.upper), *((-maximum, maximum) for maximum in maxima)])  # (5, 2, n)
     for name, trajectory in motions_of(design).items():
         t = trajectory.times(min(DRAWING_RATE, MAX_DRAWN_SAMPLES / trajectory.duration))
         states = trajectory.states(t)
         torque = design.model.torque(states[0], states[1], states[2], design.theta)
         for k, joint in enumerate(design.model.joints):
             caption = f"Joint {joint.name}: the {name} between its limits (dashed), and the torque that it needs."
-            figure = design_figure(t, list(_quantities(design, k, [*states, torque])), CURVE_POINTS)
+            figure = design_figure(t, _quantity_titles(joint), np.stack([*states, torque])[:, :, k], bounds[:, :, k])
             views.append(((name, joint.name), (Figure(figure, caption),)))
     return Gallery(("Motion", "Joint"), tuple(views))
 
 
-def _quantities(design: Design, k: int, states: Sequence[Array]) -> Iterator[LimitedQuantity]:
-    joint, limits = design.model.joints[k], design.limits
-    unit = joint.unit
-    titles = (f"position, {unit}", f"velocity, {unit}/s", f"acceleration, {unit}/s²", f"jerk, {unit}/s³")
-    efforts = f"{'force' if joint.effort == 'N' else 'torque'}, {joint.effort}"
-    maxima = [limits.velocity[k], limits.acceleration[k], limits.jerk[k], limits.torque[k]]
-    ends = [(limits.lower[k], limits.upper[k]), *((-maximum, maximum) for maximum in maxima)]
-    for title, values, (lower, upper) in zip((*titles, efforts), states, ends, strict=True):
-        yield LimitedQuantity(title, values[:, k], float(lower), float(upper))
+def _quantity_titles(joint: Joint) -> tuple[str, ...]:
+    unit, effort = joint.unit, f"{'force' if joint.effort == 'N' else 'torque'}, {joint.effort}"
+    return (f"position, {unit}", f"velocity, {unit}/s", f"acceleration, {unit}/s²", f"jerk, {unit}/s³", effort)
 
 
 def _limit_blocks(design: Design) -> Iterator[PageBlock]:

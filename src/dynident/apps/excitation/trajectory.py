@@ -141,9 +141,9 @@ def slow_down(trajectory: Trajectory, times: float) -> Trajectory:
     return replace(trajectory, pieces=tuple(pieces))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class ClosestApproach:
-    """Smallest distance (m), the pair that it is between, and its time (s)."""
+    """Smallest distance (m), the pair that it is between, and its time (s); the closest is the least."""
 
     distance: float
     pair: tuple[str, str]
@@ -165,10 +165,8 @@ def closest_approach(space: Distances, trajectory: Trajectory, clearance: float)
     states = trajectory.states(times)
     distances = space.distances(states[0])
     best = _closest_sample(space, times, distances)
-    if isinstance(space, LipschitzDistances):
-        speed = _speed_bounds(space, states, step)
-    else:
-        speed = _observed_speeds(distances, step)
+    is_bounded = isinstance(space, LipschitzDistances)
+    speed = _speed_bounds(space, states, step) if is_bounded else _observed_speeds(distances, step)
     starts, lower = times[:-1], np.minimum(distances[:-1], distances[1:])
     for level in range(MAX_LEVELS):
         # first look for the smallest distance itself, then only prove the clearance
@@ -179,17 +177,13 @@ def closest_approach(space: Distances, trajectory: Trajectory, clearance: float)
         if not fine_times.size:
             break
         distances = space.distances(trajectory.states(fine_times.ravel())[0]).reshape(*fine_times.shape, -1)
-        best = min(
-            best, _closest_sample(space, fine_times.ravel(), distances.reshape(fine_times.size, -1)), key=_distance
-        )
+        best = min(best, _closest_sample(space, fine_times.ravel(), distances.reshape(fine_times.size, -1)))
         step, speed = step / SUBDIVISIONS, np.repeat(speed[may_be_near], SUBDIVISIONS, axis=0)
         starts = fine_times[:, :-1].ravel()
         lower = np.minimum(distances[:, :-1], distances[:, 1:]).reshape(-1, distances.shape[2])
     # the smallest distance found is refined around its time
     last_times = np.clip(best.time + step * np.linspace(-1.0, 1.0, 2 * FINAL_POINTS + 1), 0.0, trajectory.duration)
-    return min(
-        best, _closest_sample(space, last_times, space.distances(trajectory.states(last_times)[0])), key=_distance
-    )
+    return min(best, _closest_sample(space, last_times, space.distances(trajectory.states(last_times)[0])))
 
 
 def _observed_speeds(d: Array, h: float) -> Array:
@@ -204,10 +198,6 @@ def _speed_bounds(space: LipschitzDistances, states: Array, h: float) -> Array:
     """Return bounds of the rates (K, P) of pairs in intervals of h (s) between states (4, K + 1, n)."""
     dq, ddq, jerk = np.maximum(np.abs(states[1:, :-1]), np.abs(states[1:, 1:]))
     return np.asarray((dq + h / 2 * (ddq + h / 2 * jerk)) @ space.steepest.T)
-
-
-def _distance(approach: ClosestApproach) -> float:
-    return approach.distance
 
 
 def _closest_sample(space: Distances, t: Array, d: Array) -> ClosestApproach:

@@ -107,7 +107,7 @@ def verify(trajectory: Trajectory, feasible: Feasibility, shapes: Distances | No
     if trajectory.joints != limits.joints:
         raise InputError(f"the trajectory is of the joints {trajectory.joints}, the limits of {limits.joints}.")
     samples, reached = 0, np.zeros((5, len(limits.joints)))
-    torque_samples: list[tuple[Array, Array]] = []
+    torque_samples: list[Array] = []
     last: Array | None = None
     for k in trajectory.first_indices:  # what is repeated is looked at once
         start, piece = trajectory.edges[k], trajectory.pieces[k]
@@ -119,16 +119,12 @@ def verify(trajectory: Trajectory, feasible: Feasibility, shapes: Distances | No
         _check_continuity(states[:, 0] if last is None else last, states[:, 0], float(start), limits)
         if trajectory.pieces[k + 1 : k + 2] and trajectory.pieces[k + 1].course is piece.course:
             _check_continuity(states[:, -1], states[:, 0], float(trajectory.edges[k + 1]), limits)
-        tau = _regressor_torque(model, theta, states)
+        values = _with_torque(model, theta, states)
         # extremes of a smooth course lie between samples: look closer around each of them
-        fine_times = _times_near_extremes(t, states, tau, limits)
-        fine_states = piece.course.states(fine_times)
-        for times, sampled, torque in (
-            (t, states, tau),
-            (fine_times, fine_states, _regressor_torque(model, theta, fine_states)),
-        ):
-            np.maximum(reached, _limit_shares(sampled, torque, float(start) + times, limits), out=reached)
-            torque_samples.append(_select_samples(sampled, torque))
+        fine_times = _times_near_extremes(t, values, limits)
+        for times, sampled in ((t, values), (fine_times, _with_torque(model, theta, piece.course.states(fine_times)))):
+            np.maximum(reached, _limit_shares(sampled, float(start) + times, limits), out=reached)
+            torque_samples.append(_select_samples(sampled))
             samples += len(times)
         last = states[:, -1]
     ends = trajectory.states(np.array([0.0, trajectory.duration]))
@@ -138,31 +134,32 @@ def verify(trajectory: Trajectory, feasible: Feasibility, shapes: Distances | No
         None if distances is None else _check_clearance(distances, trajectory, feasible.clearance)
         for distances in (feasible.space, shapes)
     ]
-    # clipped to the course: beyond its ends there is no motion
     return TrajectoryCheck(samples, reached, routes, *closest)
 
 
-def _times_near_extremes(t: Array, states: Array, tau: Array, limits: MotionLimits) -> Array:
-    """Return times (M) around the extremes of q, dq, ddq, jerk and torque."""
-    middles = np.stack([limits.middle, *np.zeros((4, len(limits.joints)))])
-    extremes = np.abs(np.concatenate([states, tau[None]]) - middles[:, None]).argmax(axis=1)
+def _times_near_extremes(t: Array, values: Array, limits: MotionLimits) -> Array:
+    """Return times (M) around the extremes of q, dq, ddq, jerk and torque (5, N, n)."""
+    extremes = np.abs(values - _middles(limits)[:, None]).argmax(axis=1)
+    # clipped to the course: beyond its ends there is no motion
     around = np.linspace(-1, 1, 2 * EXTREME_POINTS + 1) * (t[1] - t[0])
     return np.unique(np.clip(t[np.unique(extremes)][:, None] + around, 0.0, t[-1]))
 
 
-def _regressor_torque(model: Model, theta: Array, states: Array) -> Array:
-    """Return the torque (N, n) as the regressor times the parameters."""
+def _middles(limits: MotionLimits) -> Array:
+    """Return from where the quantities (5, n) are measured: position from the middle of its range, others from zero."""
+    return np.stack([limits.middle, *np.zeros((4, len(limits.joints)))])
+
+
+def _with_torque(model: Model, theta: Array, states: Array) -> Array:
+    """Return q, dq, ddq, the jerk and the torque (5, N, n), which is the regressor times the parameters."""
     blocks = [states[:3, k : k + BLOCK_SAMPLES] for k in range(0, states.shape[1], BLOCK_SAMPLES)]
-    return np.concatenate([model.regressor(*block) @ theta for block in blocks])
+    torque = np.concatenate([model.regressor(*block) @ theta for block in blocks])
+    return np.concatenate([states, torque[None]])
 
 
-def _limit_shares(states: Array, tau: Array, t: Array, limits: MotionLimits) -> Array:
+def _limit_shares(values: Array, t: Array, limits: MotionLimits) -> Array:
     """Return the largest shares of the limits (5, n); LimitError where one exceeds 1."""
-    q, dq, ddq, jerk = states
-    # position is measured from the middle of its range, the other quantities from zero
-    values = np.stack([q, dq, ddq, jerk, tau])
-    sizes = np.stack([limits.half, *limits.sizes[1:], limits.torque])
-    middles = np.stack([limits.middle, *np.zeros((4, len(limits.joints)))])
+    sizes, middles = np.stack([*limits.sizes, limits.torque]), _middles(limits)
     shares = np.abs(values - middles[:, None]) / sizes[:, None]
     if not (shares <= 1 + LIMIT_ROUNDING).all():
         which, row, joint = np.unravel_index(int(np.nan_to_num(shares, nan=np.inf).argmax()), shares.shape)
@@ -215,20 +212,19 @@ def _check_rest(ends: Array, duration: float, limits: MotionLimits) -> None:
             raise LimitError.at(limits.joints[joint], float(end) * duration, words)
 
 
-def _select_samples(states: Array, tau: Array) -> tuple[Array, Array]:
-    """Return some of the states (3, K, n) with their torques: spread evenly, and those of the largest torques."""
+def _select_samples(values: Array) -> Array:
+    """Return some of the states with their torques (5, K, n): spread evenly, and those of the largest torques."""
     # a sample of both: all torques would take a long time by the second route
-    rows = np.union1d(np.abs(tau).argmax(axis=0), np.arange(0, len(tau), max(1, len(tau) // 100)))
-    return states[:3, rows], tau[rows]
+    rows = np.union1d(np.abs(values[4]).argmax(axis=0), np.arange(0, values.shape[1], max(1, values.shape[1] // 100)))
+    return np.asarray(values[:, rows])
 
 
-def _second_route(model: Model, theta: Array, torque_samples: Sequence[tuple[Array, Array]]) -> tuple[str, ...]:
+def _second_route(model: Model, theta: Array, torque_samples: Sequence[Array]) -> tuple[str, ...]:
     """Return the routes to the torque; InputError where Pinocchio's differs from the regressor's."""
-    states = np.concatenate([block for block, _ in torque_samples], axis=1)
-    tau = np.concatenate([block for _, block in torque_samples])
+    *states, _, tau = np.concatenate(torque_samples, axis=1)
     # again the largest torques, and about SECOND_ROUTE_SAMPLES spread evenly
     rows = np.union1d(np.abs(tau).argmax(axis=0), np.arange(0, len(tau), -(-len(tau) // SECOND_ROUTE_SAMPLES)))
-    pinocchio = pinocchio_torque(model, theta, *states[:, rows])
+    pinocchio = pinocchio_torque(model, theta, *(state[rows] for state in states))
     if pinocchio is None:
         return ("regressor",)
     deviation, size = np.abs(pinocchio - tau[rows]).max(axis=0), np.abs(tau).max()

@@ -155,7 +155,7 @@ def recording_config(project: ExcitationProject, folder: Path) -> str:
     if not data:
         return ""
     keeps_training = project.prior.information is not None
-    data = relocate_settings({**data, "model": data["model"]}, old_folder, real_path(folder))
+    data = relocate_settings(data, old_folder, real_path(folder))
     comments: dict[str, tuple[str, ...]] = {"": _HEAD}
     # without channels of a configuration, those of the files of the motion are proposed
     if "time" not in data:
@@ -180,16 +180,14 @@ def recording_config(project: ExcitationProject, folder: Path) -> str:
 
 def _config_data(project: ExcitationProject) -> tuple[Mapping[str, Any], Path]:
     """Return the settings of the configuration, at least of the model, and the folder that its names start at."""
+    lock = {} if project.gripper is None else {"lock": dict(project.gripper.positions)}
     if project.config is not None:
         data = load_yaml(project.config.text, project.config.path)
-        file = isinstance(data["model"], str) and robot_settings(data["model"]) is not None
-        data |= {"model": {"file": data["model"]}} if file else {}
-        if project.gripper is not None:
-            data |= {"model": {**data["model"], "lock": dict(project.gripper.positions)}}
-        return data, Path(project.config.path).parent
+        if isinstance(data["model"], str) and robot_settings(data["model"]) is not None:
+            data["model"] = {"file": data["model"]}
+        return {**data, "model": {**data["model"], **lock} if lock else data["model"]}, Path(project.config.path).parent
     identification = project.prior.identification
     source = SourceFile(str(project.path)) if identification is None else identification.provenance.model
-    lock = {} if project.gripper is None else {"lock": dict(project.gripper.positions)}
     return ({} if source is None else {"model": {"file": source.path, **lock}}), Path()
 
 

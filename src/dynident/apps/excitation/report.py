@@ -21,6 +21,7 @@ from dynident.apps.excitation.expected_report import (
     noise_words,
     shape_words,
 )
+from dynident.apps.excitation.limits import JointLimits
 from dynident.apps.excitation.motion import Program
 from dynident.apps.excitation.robot import ExcitationProject
 from dynident.apps.excitation.trajectory import Trajectory
@@ -211,7 +212,7 @@ def excitation_page(project: ExcitationProject, design: Design, files: Sequence[
     told = findings if view is None else Beside((view,), (findings,), "left")
     sections = [
         PageSection("What it will tell", (_design_facts(design), told)),
-        *([PageSection("What to do with it", steps)] if files else []),
+        *[PageSection("What to do with it", steps)] * bool(files),
         scene_section(project, design),
         PageSection("Motion and torque", (limit_use_table(design), _gallery(design))),
         expected_section(design),
@@ -286,9 +287,7 @@ def _quantity_titles(joint: Joint) -> tuple[str, ...]:
 
 def _limit_blocks(design: Design) -> Iterator[PageBlock]:
     """Yield the limits of the joints, with those set by a rule marked, and how they were checked."""
-    limits = design.limits
-    names = ("lower", "upper", "velocity", "acceleration", "jerk", "torque")
-    rows = []
+    limits, names, rows = design.limits, tuple(JointLimits.model_fields), []
     for k, joint in enumerate(limits.joints):
         by_rule = limits.by_rule.get(joint, ())
         # A rule for the position sets both ends of the range

@@ -15,7 +15,7 @@ import numpy as np
 
 from dynident.apps.excitation.design import Design
 from dynident.apps.excitation.files import recording_config, trajectory_files
-from dynident.apps.excitation.limits import LIMITS_FILE, Feasibility, usual_arm
+from dynident.apps.excitation.limits import LIMITS_FILE, Feasibility, JointLimits, usual_arm
 from dynident.apps.excitation.players import FRANKA, ROS, players
 from dynident.apps.excitation.report import MOTIONS, SLOWER, TRIAL, excitation_findings, excitation_page, motions_of
 from dynident.apps.excitation.robot import ExcitationProject, read_excitation
@@ -176,7 +176,6 @@ def _trial_motion(design: Design) -> Trajectory | None:
 def _design_dict(project: ExcitationProject, design: Design, digests: Mapping[str, str]) -> dict[str, Any]:
     """Return the design as plain values: SI units, limits less the margin."""
     limits, accuracy = design.limits, design.expected
-    names = ("lower", "upper", "velocity", "acceleration", "jerk", "torque")
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -184,7 +183,7 @@ def _design_dict(project: ExcitationProject, design: Design, digests: Mapping[st
         "settings": project.settings.model_dump(mode="json"),
         "duration": {name: trajectory.duration for name, trajectory in motions_of(design).items()},
         "noise": {"from": project.origin.value, "sigma": _values_by_joint(design, design.request.sigma)},
-        "limits": {name: _values_by_joint(design, getattr(limits, name)) for name in names},
+        "limits": {name: _values_by_joint(design, getattr(limits, name)) for name in JointLimits.model_fields},
         "limits_by_rule": {joint: list(rules) for joint, rules in limits.by_rule.items()},
         "expected": {
             "log_det": accuracy.log_det,

@@ -7,6 +7,7 @@ from functools import cache
 from itertools import islice, pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynident.apps.excitation.family import Fourier, LinearCourse
 from dynident.apps.excitation.limits import TORQUE_RESERVE, Feasibility, MotionLimits
@@ -82,11 +83,15 @@ def feasible_durations(limits: MotionLimits, start: Array, end: Array, step: flo
     """
     count = round(np.log(MAX_DURATION / MIN_DURATION) / np.log(DURATION_RATIO)) + 1
     candidates = np.unique(round_up(np.geomspace(MIN_DURATION, MAX_DURATION, count), step))
-    low, high, sizes = quintic_bounds(start, end, candidates)
+    yield from candidates[_keeps_limits(limits, start, end, candidates)].tolist()
+
+
+def _keeps_limits(limits: MotionLimits, start: Array, end: Array, duration: Array) -> NDArray[np.bool_]:
+    """Return which quintics of durations T (D) keep the limits, between states as those of ``quintic_bounds``."""
+    low, high, sizes = quintic_bounds(start, end, duration)
     tolerance = LIMIT_ROUNDING * (1 + limits.half)
-    is_feasible = ((low >= limits.lower - tolerance) & (high <= limits.upper + tolerance)).all(axis=1)
-    is_feasible &= (sizes <= limits.sizes[1:] * (1 + LIMIT_ROUNDING)).all(axis=(1, 2))
-    yield from candidates[is_feasible].tolist()
+    is_within = ((low >= limits.lower - tolerance) & (high <= limits.upper + tolerance)).all(axis=1)
+    return np.asarray(is_within & (sizes <= limits.sizes[1:] * (1 + LIMIT_ROUNDING)).all(axis=(1, 2)))
 
 
 def _power_derivatives(s: Array, d: int) -> Array:
@@ -274,7 +279,6 @@ def _shortest_ramps(feasible: Feasibility, states: Array, *, backward: bool) -> 
 
     The pose at rest is where the velocity, a polynomial of degree 3 in time, takes the arm in the ramp.
     """
-    limits = feasible.limits
     sign = 1.0 if backward else -1.0
     durations = np.unique(round_up(RAMP_DURATIONS, feasible.step))
     ramps = np.tile(durations, len(states))
@@ -284,11 +288,8 @@ def _shortest_ramps(feasible: Feasibility, states: Array, *, backward: bool) -> 
     # integral of the cubic velocity that fits velocity and acceleration at one end, and rest at the other
     rest_states[:, 0] = motion_states[:, 0] + sign * motion_states[:, 1] * T / 2 + motion_states[:, 2] * T**2 / 12
     start, end = (motion_states, rest_states) if backward else (rest_states, motion_states)
-    low, high, sizes = quintic_bounds(start, end, ramps)
-    is_within = ((low >= limits.lower) & (high <= limits.upper)).all(axis=1)
-    is_within &= (sizes <= limits.sizes[1:]).all(axis=(1, 2))
     shortest: dict[int, tuple[float, Quintic]] = {}
-    for row in np.flatnonzero(is_within)[::-1]:  # the shortest last
+    for row in np.flatnonzero(_keeps_limits(feasible.limits, start, end, ramps))[::-1]:  # the shortest last
         duration = float(ramps[row])
         shortest[int(row) // len(durations)] = duration, Quintic(duration, start[row], end[row])
     return shortest

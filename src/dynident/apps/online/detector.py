@@ -14,7 +14,7 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from dynident.apps.online.candidates import Candidates, is_base_group, residual_joint
+from dynident.apps.online.candidates import Candidates, ReferenceUpdate, is_base_group, residual_joint
 from dynident.apps.online.events import Alarm, BaselineKnown, Changed, Event, NewMotion, Passed, Unsteady
 from dynident.apps.online.scores import Reference, Scores, Sums, build_reference, push_sums, suffix_sums
 from dynident.runtime import Noun
@@ -161,14 +161,16 @@ class Detector(Noun):
             if changed_groups and evidence[g] < self.threshold:
                 break
             changed_groups[g] = float(evidence[g])
-            current = self._update_reference(reference, sums, changed_groups)
+            update = self._estimate_update(reference, sums, changed_groups)
+            current = reference if update is None else update.apply_to(reference)
         return changed_groups
 
-    def _update_reference(
+    def _estimate_update(
         self, reference: Reference, sums: dict[str, Array], changed_groups: dict[int, float]
-    ) -> Reference:
+    ) -> ReferenceUpdate | None:
+        """Return by how much base parameters have changed, None where only residuals have."""
         base = [g for g in changed_groups if is_base_group(self.candidates.groups[g])]
-        return self.candidates.estimate_update(reference, sums, base).apply_to(reference) if base else reference
+        return self.candidates.estimate_update(reference, sums, base) if base else None
 
     def _apply_changes(
         self,
@@ -181,9 +183,8 @@ class Detector(Noun):
         """Return the knowledge after a change of these groups, and the events."""
         candidates, events, total = self.candidates, list[Event](), knowledge.total.copy()
         # the reference moves by the changes, so that the watch goes on from there
-        updated, end = self._update_reference(reference, sums, changed_groups), 0
-        base = [g for g in changed_groups if is_base_group(candidates.groups[g])]
-        update = candidates.estimate_update(reference, sums, base) if base else None
+        update, end = self._estimate_update(reference, sums, changed_groups), 0
+        updated = reference if update is None else update.apply_to(reference)
         for g, evidence in changed_groups.items():
             group, part = candidates.groups[g], candidates.group_slices[g]
             if update is not None and is_base_group(group):

@@ -25,7 +25,7 @@ from dynident.apps.online.events import BadLines
 from dynident.apps.online.watcher import MAX_TIME
 from dynident.files.opener import file_status, open_input
 from dynident.files.stamps import iso_stamp
-from dynident.files.tables import DataTable
+from dynident.files.tables import DAY, DataTable
 from dynident.files.text import first_row, row_cells, unit_row
 from dynident.models import Joint
 from dynident.project.fields import Channel, unit_factor
@@ -43,7 +43,6 @@ MAX_LINE_LENGTH = 1 << 18  # characters of a line: with more it is no sample
 MAX_LINE_BYTES = 4 * MAX_LINE_LENGTH  # bytes that surely are more characters
 MAX_SHOWN_CHARACTERS = 80  # characters of a bad line that are shown
 MAX_NAME_LENGTH = 256  # characters of the name of a nested value: what is deeper is not read
-DAY = 86_400.0
 
 
 class StandardInput:

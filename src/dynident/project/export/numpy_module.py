@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -170,7 +169,7 @@ def identified_module(identified: IdentifiedModel) -> ExportText:
             (rigid_calls if isinstance(term, RigidBodies | Lagrangian) else other_calls).append(call)
     if identified.memoryless.model.memory:
         blocks += _load_functions(identified.model)
-    head = _fill_template(HEAD, MODEL=repr(identified.model.name), JOINTS=_tuple_literal(map(repr, names)))
+    head = _fill_template(HEAD, MODEL=repr(identified.model.name), JOINTS=repr(tuple(names)))
     functions = _fill_template(FUNCTIONS, RIGID=" + ".join(rigid_calls), OTHERS=" + ".join(other_calls))
     return ExportText("\n\n".join([head + motors.text(), *blocks, functions]), tuple(left_out))
 
@@ -211,8 +210,7 @@ class _MotorRows:
 
     def text(self) -> str:
         rows = [
-            f"    ({_array_literal(vector)}, {_tuple_literal(map(repr, parts.tolist()))}, "
-            f"{_tuple_literal(map(repr, map(float, sign)))}),"
+            f"    ({_array_literal(vector)}, {tuple(parts.tolist())!r}, {tuple(map(float, sign))!r}),"
             for vector, parts, sign in self._rows
         ]
         return _fill_template(MOTORS, ROWS="".join(f"\n{row}" for row in rows) + ("\n" if rows else ""))
@@ -302,8 +300,3 @@ def _fill_template(template: str, **parts: str) -> str:
 
 def _array_literal(values: ArrayLike) -> str:
     return f"np.array({np.asarray(values, dtype=float).tolist()!r})"
-
-
-def _tuple_literal(words: Iterable[str]) -> str:
-    literals = list(words)
-    return f"({', '.join(literals)}{',' if len(literals) == 1 else ''})"

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from math import inf
+from typing import NamedTuple
 
 from dynident.identification import Identification
+from dynident.identification.links import DeterminedBy
 from dynident.models import Joint
 from dynident.motion.smoothers import strip_time_offset
 from dynident.regression import GroupKind
-from dynident.report.figures import points_per_curve
+from dynident.report.figures import AMBER, BLUE, GREEN, VIOLET, points_per_curve
 from dynident.report.page import Figure, Gallery
 from dynident.runtime import Note, Severity, angles, join_names, number, part_text, short
 from dynident.validation import LogValidation
@@ -25,6 +27,34 @@ KINDS = {
     GroupKind.RIPPLE: "ripple of {}",
     GroupKind.RESIDUAL: "torque that the model leaves at {}",
 }
+
+
+class Source(NamedTuple):
+    """How a source of values is called: its ``name``, the ``state`` of a parameter, and in a legend its ``colour`` and
+    ``key`` with a ``meaning``."""
+
+    name: str
+    state: str
+    colour: str
+    key: str
+    meaning: str
+
+
+SOURCES = {
+    DeterminedBy.DATA: Source("the data", "data", GREEN, "well determined", "by the data alone"),
+    DeterminedBy.COMBINATION: Source(
+        "the data, with other links", "in combination", BLUE, "by combination",
+        "the data determine only sums with other links",
+    ),
+    DeterminedBy.PRIOR: Source(
+        "the prior", "prior", "#7d8ea6", "by the file or prior",  # calm: of a link it is usual
+        "the data determine only sums, which the file or prior splits; this is usual for a good model",
+    ),
+    DeterminedBy.BOUND: Source("a bound", "at a bound", VIOLET, "at a bound", "held by a physical constraint"),
+    DeterminedBy.NOTHING: Source(
+        "nothing", "not identifiable", AMBER, "not identified", "neither by data nor by a prior"
+    ),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -28,7 +27,7 @@ from dynident.project.fields import (
     bounded_reader,
     whole_number_reader,
 )
-from dynident.runtime import ConfigError, Noun, as_number, choices
+from dynident.runtime import ConfigError, Noun, WordedEnum, as_number, choices
 from dynident.runtime.arrays import Array
 
 NOISE_SHARE = 0.01  # of a joint's torque limit: noise where nothing is known of it
@@ -145,13 +144,13 @@ def settings_in(data: Any, source: str, *, alone: bool) -> Mapping[str, Any]:
     return section or {}
 
 
-class NoiseOrigin(StrEnum):
+class NoiseOrigin(WordedEnum):
     """Where the noise of the torques is from: given, the residual of a result, that of a fit to logs, or a rule."""
 
-    GIVEN = "given"
-    RESULT = "result"
-    LOGS = "logs"
-    RULE = "rule"
+    GIVEN = "given", "as far as given; of other joints as known, or 1 % of the torque limit"
+    RESULT = "result", "the residual of the result, each sample counted as often as it is independent"
+    LOGS = "logs", "the residual of a fit to the logs, each sample counted as often as it is independent"
+    RULE = "rule", "by rule: 1 % of the torque limit, or 1 N m. Give `noise`, or a result, for errors to rely on"
 
 
 class PriorKnowledge(Noun):

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.excitation.clearance import CapsuleSpace
-from dynident.apps.excitation.config import NoiseOrigin
 from dynident.apps.excitation.design import Design, ExpectedAccuracy, expected_accuracy
 from dynident.apps.excitation.limits import LIMITS_FILE, usual_arm
 from dynident.apps.excitation.motion import Program
@@ -26,12 +25,6 @@ MAX_JOINTS, MAX_FILES = 8, 3  # joints, and files, in a sentence
 DOUBTFUL_LINKS = (ImpossibleInertia, NoMass, FarCentre)
 PACKAGED = "package://"
 LOWEST_POINT_RATE, MAX_LOWEST_POINT_SAMPLES = 50.0, 5000  # Hz and samples of the lowest point
-_ORIGINS = {
-    NoiseOrigin.GIVEN: "as far as given; of other joints as known, or 1 % of the torque limit",
-    NoiseOrigin.RESULT: "the residual of the result, each sample counted as often as it is independent",
-    NoiseOrigin.LOGS: "the residual of a fit to the logs, each sample counted as often as it is independent",
-    NoiseOrigin.RULE: "by rule: 1 % of the torque limit, or 1 N m. Give `noise`, or a result, for errors to rely on",
-}
 
 CURVE_POINTS = 1500  # of a curve
 RANGE_MARGIN = 0.08  # share of a range above and below it
@@ -120,8 +113,8 @@ def noise_words(project: ExcitationProject) -> Iterator[str]:
     """Yield which noise of the torques was assumed, and why recordings do not count that could."""
     sigma = project.request.sigma
     sizes = (f"{name} {number(float(x), 2)}" for name, x in zip(project.limits.joints, sigma, strict=True))
-    rate, origin = project.request.rate, _ORIGINS[project.origin]
-    yield f"Noise of the torques at {rate:g} Hz (N m or N): {join_names(sizes, MAX_JOINTS)}; {origin}."
+    origin = f"{join_names(sizes, MAX_JOINTS)}; {project.origin.words}"
+    yield f"Noise of the torques at {project.request.rate:g} Hz (N m or N): {origin}."
     if project.prior.loss_reason:
         yield f"What was recorded before does not count: {project.prior.loss_reason}."
 

@@ -6,7 +6,6 @@ import math
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import replace
-from enum import StrEnum
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from dynident.apps.excitation.way import from_rest
 from dynident.estimators.maximum_likelihood import with_smooth_signs
 from dynident.models import Model, Space
 from dynident.regression import BaseParameters
-from dynident.runtime import ConfigError, InputError, Note, Noun, choices, join_names
+from dynident.runtime import ConfigError, InputError, Note, Noun, WordedEnum, choices, join_names
 from dynident.runtime.arrays import Array
 
 SIGN_WIDTH = 0.02  # of the velocity limit: the width of the sign of Coulomb friction in the search
@@ -35,14 +34,14 @@ MAX_RESTARTS = 2  # searches with more to spare, where the limits do not hold be
 MOTION_SIZES = (1.0, 0.9, 0.75, 0.5, 0.25, 0.1)  # of the motion found, which are tried
 
 
-class Program(StrEnum):
+class Program(WordedEnum):
     """Pieces that the arm drives: the optimised motion, each joint at constant speeds, poses for gravity, or
     all of these."""
 
-    MOTION = "motion"
-    FRICTION = "friction"
-    GRAVITY = "gravity"
-    ALL = "all"
+    MOTION = "motion", "An optimised motion"
+    FRICTION = "friction", "Each joint at constant speeds"
+    GRAVITY = "gravity", "Poses for gravity"
+    ALL = "all", "An optimised motion, constant speeds and poses for gravity"
 
 
 class MotionRequest(Noun):

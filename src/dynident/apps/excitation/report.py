@@ -22,7 +22,6 @@ from dynident.apps.excitation.expected_report import (
     shape_words,
 )
 from dynident.apps.excitation.limits import JointLimits
-from dynident.apps.excitation.motion import Program
 from dynident.apps.excitation.robot import ExcitationProject
 from dynident.apps.excitation.trajectory import Trajectory
 from dynident.apps.excitation.verify import QUANTITIES
@@ -86,12 +85,6 @@ _STEPS = (
     "`dynident check identify.yaml`, then `dynident identify identify.yaml --out result`.",
     "For what is still open then: `dynident excite result/result.json -o next`.",
 )
-PROGRAMS = {
-    Program.MOTION: "An optimised motion",
-    Program.FRICTION: "Each joint at constant speeds",
-    Program.GRAVITY: "Poses for gravity",
-    Program.ALL: "An optimised motion, constant speeds and poses for gravity",
-}
 
 
 def scene_section(project: ExcitationProject, design: Design) -> PageSection:
@@ -225,7 +218,7 @@ def excitation_page(project: ExcitationProject, design: Design, files: Sequence[
 def excitation_heading(design: Design) -> str:
     """Return one sentence on what the motion is."""
     duration, other_duration = (number(trajectory.duration, 3) for trajectory in (design.trajectory, design.validation))
-    return f"{PROGRAMS[design.request.program]}, {duration} s, and another of {other_duration} s for validation."
+    return f"{design.request.program.words}, {duration} s, and another of {other_duration} s for validation."
 
 
 def _file_table(files: Sequence[tuple[str, str]]) -> PageTable:

@@ -12,17 +12,13 @@ from dynident.models import INERTIAL, Geometry, Parameter, ShapeSource
 from dynident.report.equations import parameter_meanings
 from dynident.report.identification.figures import has_nominal_values, interval_figure, relative_std
 from dynident.report.page import MEANING, UNIT, Column, Figure, Fold, Gallery, Head, PageBlock, PageSection, PageTable
-from dynident.report.words import motion_known
+from dynident.report.words import SOURCES, motion_known
 from dynident.runtime import count, join_names, number
 
 MAX_FULL_LIST = 40  # a terminal shows up to this many parameters all
 MAX_ONE_FIGURE = 30  # more parameters are drawn group by group
 MAX_WARNING_LENGTH = 300  # signs of a warning in a terminal
 WELL = 10.0  # a parameter is called well determined up to this standard error, % of its value
-DETERMINED_WORDS = {
-    DeterminedBy.DATA: "data", DeterminedBy.COMBINATION: "in combination", DeterminedBy.PRIOR: "prior",
-    DeterminedBy.BOUND: "at a bound", DeterminedBy.NOTHING: "not identifiable",
-}  # fmt: skip
 FRICTION = {"viscous": "viscous friction", "coulomb": "Coulomb friction", "rotor": "rotor inertia"}
 
 _CAPTION = "95 % intervals (1.96 standard errors to both sides) in % of the values. Hollow: not determined, or zero."
@@ -47,10 +43,6 @@ _UNSEEN = (
 
 MIN_SHOWN_VALUE = 1e-9  # of what is mm, kg or kg m^2, below which it is rounding
 MAX_LISTED_MESHES = 5  # meshes in a sentence
-SOURCE_WORDS = {
-    DeterminedBy.DATA: "the data", DeterminedBy.COMBINATION: "the data, with other links",
-    DeterminedBy.PRIOR: "the prior", DeterminedBy.BOUND: "a bound", DeterminedBy.NOTHING: "nothing",
-}  # fmt: skip
 _LINKS = (
     "The centre of mass is in the frame of the link; the principal moments are about it. ±: standard error. Where the "
     "data alone leave a value open, the prior chose it, and its error is not known: ± is then open. Combinations of "
@@ -115,7 +107,7 @@ def parameter_table(
     # Columns without content are multiplied by False, and so left out
     has_reference = any(parameters[k].value is not None for k in selected)
     has_meaning = any(parameters[k].expression for k in selected) and not any(x.body for x in parameters)
-    verdict = tuple(DETERMINED_WORDS[source] for source in determined_by(identification))
+    verdict = tuple(SOURCES[source].state for source in determined_by(identification))
     sized = bool(np.isfinite(errors[list(selected)]).any())
     columns: list[Head] = ["value"]
     columns += ["std. error", "%", *[Column("if independent", muted=True)] * robust] * sized
@@ -258,7 +250,7 @@ def _error_cell(std: float, sure: bool, value: float) -> str:
 def _source_table(links: Sequence[LinkInertia]) -> PageTable:
     """Return how many parameters of each link were determined by what; only sources that occur have a column."""
     kinds = [source for source in DeterminedBy if any(source in link.by for link in links)]
-    heads = ((SOURCE_WORDS[source], "parameters determined by") for source in kinds)
+    heads = ((SOURCES[source].name, "parameters determined by") for source in kinds)
     rows = ((link_title(link.links), *(str(link.by.get(source, 0)) for source in kinds)) for link in links)
     return PageTable.of(("link",), heads, rows, "What determined the parameters that act on the torque")
 

@@ -15,8 +15,8 @@ from dynident.identification import Identification
 from dynident.identification.links import BodyInertia, DeterminedBy, LinkInertia, link_inertias, rigid_bodies
 from dynident.models import Geometry, Outline, RigidBodies, outlines, rod_geometry
 from dynident.project.export import Export, FileError
-from dynident.report.figures import AMBER, BLUE, GREEN, VIOLET, Trace, plain, time_origin
-from dynident.report.identification.parameters import SOURCE_WORDS, link_title
+from dynident.report.figures import AMBER, Trace, plain, time_origin
+from dynident.report.identification.parameters import link_title
 from dynident.report.page import Column, Figure, PageBlock, PageSection, PageTable, relative_link
 from dynident.report.scene import (
     STILL,
@@ -33,7 +33,7 @@ from dynident.report.scene import (
     solid_ellipsoids,
     surface,
 )
-from dynident.report.words import log_labels, tiny
+from dynident.report.words import SOURCES, Source, log_labels, tiny
 from dynident.runtime import count, number, percent
 
 MAX_TRIANGLES = 300  # of a link
@@ -46,25 +46,6 @@ LEGEND = {
     "itemdoubleclick": False,
 }  # fmt: skip
 NO_MARGIN = {"t": 0, "l": 0, "r": 0}
-COLOURS = {
-    DeterminedBy.DATA: GREEN,
-    DeterminedBy.COMBINATION: BLUE,
-    DeterminedBy.PRIOR: "#7d8ea6",  # calm: of a link it is usual
-    DeterminedBy.BOUND: VIOLET,
-    DeterminedBy.NOTHING: AMBER,
-}
-LEGEND_WORDS = {
-    DeterminedBy.DATA: "well determined", DeterminedBy.COMBINATION: "by combination",
-    DeterminedBy.PRIOR: "by the file or prior", DeterminedBy.BOUND: "at a bound",
-    DeterminedBy.NOTHING: "not identified",
-}  # fmt: skip
-LEGEND_MEANINGS = {
-    DeterminedBy.DATA: "by the data alone",
-    DeterminedBy.COMBINATION: "the data determine only sums with other links",
-    DeterminedBy.PRIOR: "the data determine only sums, which the file or prior splits; this is usual for a good model",
-    DeterminedBy.BOUND: "held by a physical constraint",
-    DeterminedBy.NOTHING: "neither by data nor by a prior",
-}
 _VIEW = (
     "Play moves the arm along the recording, with the line in the torques; so does a pointer in a figure over time. "
     "Drag to turn the view. The colour of a link says how most of its ten parameters were determined: "
@@ -176,7 +157,7 @@ def _arm_traces(
         link = links_by_body.get(shape.body)
         name = link_title(bodies.arm.bodies[shape.body].links)
         hover_text = "<br>".join(map(plain, [name] if link is None else _hover_lines(link)))
-        colour = STILL if link is None else COLOURS[link.main_source]
+        colour = STILL if link is None else SOURCES[link.main_source].colour
         colour = lighten_colour(colour) if len(moving) % 2 else colour
         moving.append(surface(shape, name, colour, hoverinfo="text", hovertext=hover_text))
     return moving, [*(root_surface(shape) for shape in shapes if shape.body < 0), *_legend_keys(links)]
@@ -187,13 +168,13 @@ def _hover_lines(link: LinkInertia) -> Iterator[str]:
     inertias = [(origin, x) for origin, x in (("found", link.identified), ("file", link.file)) if x is not None]
     if masses := [f"{number(x.mass, 3)} kg ({origin})" for origin, x in inertias if np.isfinite(x.mass)]:
         yield f"mass {', '.join(masses)}"
-    yield "by " + ", ".join(f"{SOURCE_WORDS[x]} {link.by[x]}" for x in DeterminedBy if link.by.get(x))
+    yield "by " + ", ".join(f"{SOURCES[x].name} {link.by[x]}" for x in DeterminedBy if link.by.get(x))
 
 
 def _inertia_traces(links: Sequence[LinkInertia]) -> Iterator[MovingTrace]:
     """Yield the ellipsoids and centres of the links, as found and as in the file; they are hidden at first."""
     found_inertias, file_inertias = {x.body: x.identified for x in links}, {x.body: x.file for x in links}
-    colours = {entry.body: COLOURS[entry.main_source] for entry in links}
+    colours = {entry.body: SOURCES[entry.main_source].colour for entry in links}
     traces: list[MovingTrace] = []
     if solid := _ellipsoids(found_inertias, colours):
         traces.append(solid_ellipsoids(solid, "found"))
@@ -221,15 +202,17 @@ def _ellipsoids(inertias: Mapping[int, BodyInertia | None], colours: Mapping[int
 
 def _legend_keys(links: Sequence[LinkInertia]) -> list[Trace]:
     """Return legend entries for the colours that occur."""
-    sources = {link.main_source for link in links}
-    return [legend_key(LEGEND_WORDS[source], COLOURS[source]) for source in DeterminedBy if source in sources]
+    return [legend_key(source.key, source.colour) for source in _main_sources(links)]
 
 
 def _meanings(links: Sequence[LinkInertia]) -> str:
     """Return what the colours that occur mean, in a sentence."""
-    sources = {link.main_source for link in links}
-    texts = (f"{LEGEND_WORDS[x]} ({LEGEND_MEANINGS[x]})" for x in DeterminedBy if x in sources)
-    return f"{'; '.join(texts)}."
+    return f"{'; '.join(f'{source.key} ({source.meaning})' for source in _main_sources(links))}."
+
+
+def _main_sources(links: Sequence[LinkInertia]) -> list[Source]:
+    occurring = {link.main_source for link in links}
+    return [source for kind, source in SOURCES.items() if kind in occurring]
 
 
 def _recording_replays(identification: Identification) -> list[Replay]:

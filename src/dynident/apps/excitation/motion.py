@@ -233,11 +233,7 @@ def _tightest_limit(interior: Interior) -> str:
 
 
 def motion_pieces(
-    feasible: Feasibility,
-    family: Family,
-    x: Array,
-    request: MotionRequest,
-    rng: np.random.Generator,
+    feasible: Feasibility, family: Family, x: Array, request: MotionRequest, rng: np.random.Generator
 ) -> tuple[Piece, ...]:
     """Return the motion with coefficients x (n, K) from rest to rest, with as many periods as there is time for.
 
@@ -265,11 +261,7 @@ def motion_pieces(
 
 
 def reachable_motion(
-    interior: Interior,
-    feasible: Feasibility,
-    x: Array,
-    request: MotionRequest,
-    rng: np.random.Generator,
+    interior: Interior, feasible: Feasibility, x: Array, request: MotionRequest, rng: np.random.Generator
 ) -> tuple[Piece, ...]:
     """Return ``motion_pieces``, of a smaller motion where there is no path into the full one and back.
 

@@ -74,7 +74,9 @@ def _polish_round(interior: Interior, point: _Linearisation, steps: int) -> _Lin
         box = size * reach
         near = np.flatnonzero(point.slack < np.abs(point.jacobian) @ box)
         step, multipliers = _solve_step(curvature, point.gradient, point.jacobian[near], point.slack[near], box)
-        candidate = _move_inside(interior, point.x + step.reshape(point.x.shape))
+        target = point.x + step.reshape(point.x.shape)
+        # made smaller where it exceeds a limit by little
+        candidate = interior.shrink(target) if limit_slacks(interior, target).min() > -EXCESS else None
         criterion = np.inf if candidate is None else interior.information.value(*interior.states(candidate)[:3])
         # no gain: the model holds in a smaller region only
         if candidate is None or not criterion < point.criterion:
@@ -111,11 +113,6 @@ def _solve_step(curvature: Array, gradient: Array, jacobian: Array, slack: Array
     if not (np.isfinite(step).all() and np.isfinite(multipliers).all()):
         return np.zeros(len(box)), np.zeros(len(slack))
     return step, multipliers
-
-
-def _move_inside(interior: Interior, x: Array) -> Array | None:
-    """Return a motion that keeps to the limits, made smaller where it exceeds one by little; None beyond that."""
-    return interior.shrink(x) if limit_slacks(interior, x).min() > -EXCESS else None
 
 
 def _update_curvature(B: Array, change: Array, bend: Array) -> Array:

@@ -200,7 +200,8 @@ def room_findings(project: ExcitationProject, design: Design) -> list[str]:
 def excitation_page(project: ExcitationProject, design: Design, files: Sequence[tuple[str, str]] = ()) -> str:
     """Return the design as one HTML page; ``files`` are the names of what was written, each with its use."""
     first_step = _SLOWLY if any(name.startswith(f"{TRIAL}.") for name, _ in files) else NO_TRIAL
-    steps = _file_table(files), (first_step, *_STEPS)
+    links = [relative_link(name) for name, _ in files]
+    steps = PageTable.of(("file", "what it holds"), (), files, links=links), (first_step, *_STEPS)
     findings, view = tuple(excitation_findings(project, design)), arm_view(project, design)
     told = findings if view is None else Beside((view,), (findings,), "left")
     sections = [
@@ -219,11 +220,6 @@ def excitation_heading(design: Design) -> str:
     """Return one sentence on what the motion is."""
     duration, other_duration = (number(trajectory.duration, 3) for trajectory in (design.trajectory, design.validation))
     return f"{design.request.program.words}, {duration} s, and another of {other_duration} s for validation."
-
-
-def _file_table(files: Sequence[tuple[str, str]]) -> PageTable:
-    """Return the table of the files, with links to them."""
-    return PageTable.of(("file", "what it holds"), (), files, links=[relative_link(name) for name, _ in files])
 
 
 def _design_facts(design: Design) -> Facts:

@@ -242,14 +242,12 @@ class Tracker:
         with one_thread():  # several would wait for each other in products this small
             entries = tuple(regression.entries(within=(0, delivered)))
             if self._fits:
-                self._update_fit(entries, delivered.stop - delivered.start)
+                # forgetting goes by the time of the samples, usable or not
+                self.fit.forget((delivered.stop - delivered.start) * self.smoother.step)
+                for entry in entries:
+                    keep = None if entry.keep is None else entry.keep.T
+                    self.fit.add(RegressorBlock(entry.regressor(), entry.tau.T, keep))
         return MotionBlock(cut_motion(buffered, delivered), entries)
-
-    def _update_fit(self, entries: Iterable[EntryBlock], samples: int) -> None:
-        # forgetting goes by the time of the samples, usable or not
-        self.fit.forget(samples * self.smoother.step)
-        for entry in entries:
-            self.fit.add(RegressorBlock(entry.regressor(), entry.tau.T, None if entry.keep is None else entry.keep.T))
 
 
 def _result_smoother(result: Identification) -> tuple[Spline, float]:

@@ -134,14 +134,8 @@ def mass_matrix(q):
     """Return the matrix (n, n) or (N, n, n) that multiplies ddq, with rotor inertia."""
     (states,) = _states(q)
     still = 0 * states
-    rest = _rigid(states, still, still) + _others(states, still, still)
-    columns = [
-        _rigid(states, still, still + unit)
-        + _others(states, still, still + unit)
-        - rest
-        + _motors(still, still + unit, (1, 0, 0, 0))
-        for unit in np.eye(len(JOINTS))
-    ]
+    rest = inverse_dynamics(states, still, still)
+    columns = [inverse_dynamics(states, still, still + unit) - rest for unit in np.eye(len(JOINTS))]
     return np.stack(columns, axis=-1).reshape(np.shape(q) + (len(JOINTS),))
 '''
 

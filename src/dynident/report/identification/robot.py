@@ -160,7 +160,8 @@ def _arm_traces(
         colour = STILL if link is None else SOURCES[link.main_source].colour
         colour = lighten_colour(colour) if len(moving) % 2 else colour
         moving.append(surface(shape, name, colour, hoverinfo="text", hovertext=hover_text))
-    return moving, [*(root_surface(shape) for shape in shapes if shape.body < 0), *_legend_keys(links)]
+    keys = [legend_key(source.key, source.colour) for source in _main_sources(links)]
+    return moving, [*(root_surface(shape) for shape in shapes if shape.body < 0), *keys]
 
 
 def _hover_lines(link: LinkInertia) -> Iterator[str]:
@@ -198,11 +199,6 @@ def _ellipsoids(inertias: Mapping[int, BodyInertia | None], colours: Mapping[int
         for body, inertia in inertias.items()
         if inertia is not None and inertia.ellipsoid is not None and inertia.ellipsoid.any()
     ]
-
-
-def _legend_keys(links: Sequence[LinkInertia]) -> list[Trace]:
-    """Return legend entries for the colours that occur."""
-    return [legend_key(source.key, source.colour) for source in _main_sources(links)]
 
 
 def _meanings(links: Sequence[LinkInertia]) -> str:

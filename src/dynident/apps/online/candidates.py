@@ -11,7 +11,7 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps.online.scores import Reference, Scores, Sums
+from dynident.apps.online.scores import Reference, Scores, Sums, scaled_inverse
 from dynident.regression import GroupKind, ParameterGroup, evidence
 from dynident.runtime import Noun
 from dynident.runtime.arrays import Array
@@ -213,13 +213,10 @@ class Candidates(Noun):
         columns = np.concatenate([np.r_[self.group_slices[g]] for g in group_indices])
         D, root = self.directions[:, columns], np.sqrt(reference.spread[columns])
         information, covariance = (matrix[0][np.ix_(columns, columns)] for matrix in self.covariances(reference, sums))
-        scale = np.sqrt(np.maximum(np.diag(information), MIN_POSITIVE))
-        size, axes = np.linalg.eigh(information / np.outer(scale, scale))
-        # directions that the window does not show keep the reference's value: leave them out of the inverse
-        is_resolved = size > MIN_INFORMATION_SHARE * max(float(size[-1]), MIN_POSITIVE)
-        inverse = (axes[:, is_resolved] / size[is_resolved]) @ axes[:, is_resolved].T / np.outer(scale, scale)
+        # directions that the window does not show keep the reference's value: they are left out of the inverse
+        inverse, unresolved_axes = scaled_inverse(information, MIN_INFORMATION_SHARE)
         # a parameter counts as shown where it has hardly any part in the directions left out
-        is_shown, A = (axes[:, ~is_resolved] ** 2).sum(axis=1) < MIN_INFORMATION_SHARE, sums["information"][0]
+        is_shown, A = (unresolved_axes**2).sum(axis=1) < MIN_INFORMATION_SHARE, sums["information"][0]
         return ReferenceUpdate(
             directions=D,
             size=inverse @ (D.T @ (sums["score"][0] - A @ reference.value)),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from functools import partial
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from dynident.apps.online.event_log import EventLog
 from dynident.apps.online.events import Event
 from dynident.apps.online.watcher import Watcher, WatchSettings
-from dynident.report.figures import CLOCK_RANGE
+from dynident.report.figures import clock
 from dynident.report.words import Line
 from dynident.runtime import number
 
@@ -23,10 +22,7 @@ def stamp_text(t: float, zero: float = float("nan")) -> str:
     """
     if np.isnan(t):
         return "the start"
-    since_1970 = t if np.isnan(zero) else zero + t
-    if not CLOCK_RANGE[0] < since_1970 < CLOCK_RANGE[1]:
-        return f"{t:.1f} s"
-    return datetime.fromtimestamp(since_1970, UTC).strftime("%Y-%m-%d %H:%M:%S")
+    return clock(t if np.isnan(zero) else zero + t).removesuffix(" UTC") or f"{t:.1f} s"
 
 
 def event_line(event: Event, joints: Sequence[str], zero: float = float("nan")) -> Line:

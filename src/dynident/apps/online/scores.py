@@ -116,7 +116,7 @@ class Scorer(Noun):
         weights = self.sigma**-2
         information, score = np.einsum("j,jkl->kl", weights, gram.information), weights @ gram.score
         # the base parameters that fit the block: what they do not explain is the level of the residual
-        step = _solve_scores(information, score)
+        step = scaled_inverse(information, INFORMATION_TOLERANCE)[0] @ score
         squares = gram.squares - 2 * gram.score @ step + np.einsum("k,jkl,l->j", step, gram.information, step)
         has_rows, rows = gram.rows > 0, np.maximum(gram.rows, 1.0)
         min_squares = np.maximum(1e-12 * gram.squares, np.finfo(float).tiny)
@@ -134,15 +134,18 @@ class Scorer(Noun):
         return tuple((entry_map[:, independent] / self.scale, entry_map @ theta) for entry_map in maps)
 
 
-def _solve_scores(information: Array, score: Array) -> Array:
-    """Solve for the parameters by their score; directions without information stay as they are."""
+def scaled_inverse(information: Array, tolerance: float) -> tuple[Array, Array]:
+    """Return the inverse (k, k) of information on the directions that it shows, and the axes (k, l) of the others.
+
+    These have less than ``tolerance`` times the largest information, in units in which the diagonal is one.
+    """
     scale = np.sqrt(np.diag(information))
     scale = np.where(scale > 0, scale, 1.0)
     # a unit diagonal, so that directions are compared whatever their units
     size, axes = np.linalg.eigh(information / np.outer(scale, scale))
-    is_shown = size > INFORMATION_TOLERANCE * max(float(size[-1]), np.finfo(float).tiny)
-    inverse = np.where(is_shown, 1 / np.where(is_shown, size, 1.0), 0.0)
-    return np.asarray(axes @ (inverse * (axes.T @ (score / scale))) / scale)
+    is_shown = size > tolerance * max(float(size[-1]), np.finfo(float).tiny)
+    inverse = (axes[:, is_shown] / size[is_shown]) @ axes[:, is_shown].T / np.outer(scale, scale)
+    return inverse, axes[:, ~is_shown]
 
 
 class Sums(Noun):

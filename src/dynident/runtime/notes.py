@@ -31,7 +31,7 @@ class WordedEnum(StrEnum):
 
     words: str
 
-    def __new__(cls, value: str, words: str) -> Self:
+    def __new__(cls, value: str, words: str = "") -> Self:
         """Make a text that has words."""
         choice = str.__new__(cls, value)
         choice._value_, choice.words = value, words

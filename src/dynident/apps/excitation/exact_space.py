@@ -63,17 +63,17 @@ def build_capsule_space(
     distances = full_space.distances(sample_robot_poses(bodies, lower, upper))
     is_near = always_near_mask(distances, link_count, clearance)
     for k in link_count + np.flatnonzero(is_near[link_count:]):
-        _refuse_within(full_space, *pairs[k], float(distances[:, k].max()))
+        _refuse_within(full_space, pairs[k], float(distances[:, k].max()))
     return replace(full_space, watched=pairs[~is_near], unwatched=pairs[is_near])
 
 
-def _refuse_within(space: CapsuleSpace, first: int, second: int, distance: float) -> None:
+def _refuse_within(space: CapsuleSpace, pair: Integers, distance: float) -> None:
     """Raise ConfigError where a link at the end of the arm is at an obstacle in every pose, or another deep inside it.
 
-    They are a pair by index, whose largest ``distance`` is given (m).
+    They are a ``pair`` by index, whose largest ``distance`` is given (m).
     """
     inner_bodies = {body.parent for body in space.bodies.arm.bodies}
-    capsule, obstacle = space.capsules[first], space.obstacles[second - len(space.capsules)]
+    capsule, obstacle = space.capsules[pair[0]], space.obstacles[pair[1] - len(space.capsules)]
     if capsule.body not in inner_bodies or distance < -MAX_OBSTACLE_DEPTH:
         depth = f"overlaps it by {-1e3 * distance:.0f} mm or more"
         relation = depth if distance < 0 else "is nearer than the clearance"
@@ -236,7 +236,7 @@ class _CollisionScene:
         for obstacle in obstacles:
             shape, frame = _obstacle_shape(obstacle)
             self._add(shape, 0, frame)
-        self._watched: list[list[int]] = watched.tolist()
+        self._watched = [(int(first), int(second)) for first, second in watched]
         for first, second in self._watched:
             self._shapes.addCollisionPair(pin.CollisionPair(first, second))
         self._data, self._found = self._model.createData(), self._shapes.createData()

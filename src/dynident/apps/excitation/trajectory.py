@@ -165,8 +165,10 @@ def closest_approach(space: Distances, trajectory: Trajectory, clearance: float)
     states = trajectory.states(times)
     distances = space.distances(states[0])
     best = _closest_sample(space, times, distances)
-    is_bounded = isinstance(space, LipschitzDistances)
-    speed = _speed_bounds(space, states, step) if is_bounded else _observed_speeds(distances, step)
+    if isinstance(space, LipschitzDistances):
+        speed = _speed_bounds(space, states, step)
+    else:
+        speed = _observed_speeds(distances, step)
     starts, lower = times[:-1], np.minimum(distances[:-1], distances[1:])
     for level in range(MAX_LEVELS):
         # first look for the smallest distance itself, then only prove the clearance

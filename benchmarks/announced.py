@@ -110,7 +110,7 @@ def best_random(
 ) -> Trajectory:
     """Return the random motion, of as many periods from rest to rest, whose worst parameter is best."""
     basis = structural_base_parameters(case.model)
-    interior = build_interior(case.feasible, case.space, case.request, basis)
+    interior = build_interior(case.feasible, case.request, basis)
     t = np.arange(0.0, case.request.period, 1 / case.request.rate)
     result, slow, weights = [], min_fit_speeds(case.model, case.limits), periods / case.request.sigma**2
     for _ in range(RANDOM):

@@ -82,9 +82,8 @@ class Space(Distances, Protocol):
 
 @dataclass(frozen=True)
 class EmptySpace:
-    """The space of an arm of ``joints`` whose bodies are not known: nothing can meet."""
+    """The space of an arm whose bodies are not known: nothing can meet."""
 
-    joints: int
     pairs: tuple[tuple[str, str], ...] = ()
 
     def distances(self, q: Array, /) -> Array:
@@ -93,7 +92,7 @@ class EmptySpace:
 
     def gradients(self, q: Array, /) -> tuple[Array, Array]:
         """Return no distances, and none of their derivatives, shape (N, 0, n)."""
-        return self.distances(q), np.empty((len(q), 0, self.joints))
+        return self.distances(q), np.empty((len(q), 0, q.shape[1]))
 
 
 Integers = NDArray[np.intp]

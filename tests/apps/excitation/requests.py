@@ -27,4 +27,4 @@ BASIS = structural_base_parameters(MODEL)
 def interior(space=SPACE, model=MODEL, limits=LIMITS, **changes):
     """The motions that a request with changes asks for."""
     request = replace(REQUEST, **changes)
-    return build_interior(Feasibility(model, THETA, limits, space, request.clearance), space, request, BASIS)
+    return build_interior(Feasibility(model, THETA, limits, space, request.clearance), request, BASIS)

@@ -198,7 +198,7 @@ SCALE = np.ones(BASIS.rank)
 )
 def test_what_cannot_be_is_refused(changes, message):
     with pytest.raises((ConfigError, InputError), match=message):
-        check_request(LIMITS, SPACE, replace(REQUEST, **changes))
+        check_request(Feasibility(MODEL, THETA, LIMITS, SPACE), replace(REQUEST, **changes))
 
 
 def test_names_give_the_rows_of_their_base_parameters_and_a_value_of_zero_counts_as_what_is_usual():

@@ -143,7 +143,7 @@ def test_the_table_marks_what_is_open_or_has_no_value() -> None:
 def test_a_model_without_bodies_has_no_view(monkeypatch: pytest.MonkeyPatch) -> None:
     project, result = designed()
     monkeypatch.setitem(project.__dict__, "geometry", None)
-    section = scene_section(project, replace(result, space=EmptySpace(2)))
+    section = scene_section(project, replace(result, space=EmptySpace()))
     assert arm_view(project, result) is None
     assert len(section.blocks) == 2
     assert not any(isinstance(block, Figure) for block in section.blocks)

@@ -192,7 +192,7 @@ def test_a_way_goes_around_what_is_between(seed):
     assert direct_path(AROUND, rest_state(LOW), rest_state(HIGH)) is None
     path = find_path(AROUND, LOW, HIGH, np.random.default_rng(seed))
     assert len(path) > 1
-    trajectory = Trajectory(LIMITS.joints, tuple(Piece(x, Purpose.WAY) for x in path))
+    trajectory = Trajectory(LIMITS.joints, path)
     checked = verify(trajectory, Feasibility(MODEL, THETA, LIMITS, Post(), 0.02))
     assert checked.nearest.distance >= 0.02
     np.testing.assert_allclose(trajectory.states(np.array([0.0, 1e9]))[0], [LOW, HIGH], atol=1e-12)

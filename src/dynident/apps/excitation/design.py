@@ -218,10 +218,10 @@ def design(
     start in collision, where no motion is found, and where a motion fails the last check.
     """
     model, theta, request, memory_notes = without_memory(model, np.asarray(theta, dtype=float), request)
-    check_request(limits, space, request)
+    feasible = Feasibility(model, theta, limits, space, request.clearance, request.step)
+    check_request(feasible, request)
     report_progress("finding base parameters")
     basis = structural_base_parameters(model)
-    feasible = Feasibility(model, theta, limits, space, request.clearance, request.step)
     feasible.random_poses(1, np.random.default_rng(0))  # says what is in the way where the arm can stand nowhere
     first_pieces = slow_pieces(feasible, request, rng)
     has_motion, interrupted = request.program in (Program.MOTION, Program.ALL), False
@@ -229,39 +229,37 @@ def design(
     if has_motion:
         # the other pieces come first: their information is a prior for the optimised motion, which has the remaining
         # time
-        motion_request = _remaining_request(model, limits, request, first_pieces)
-        interior = build_interior(feasible, space, motion_request, basis)
+        motion_request = _remaining_request(feasible, request, first_pieces)
+        interior = build_interior(feasible, motion_request, basis)
         result = find_best_motion(interior, feasible, Plan(request.starts), rng, executor)
         report_progress("finding the ways to it and back")
         pieces = (*first_pieces, *reachable_motion(interior, feasible, result.x, motion_request, rng))
         interrupted = result.interrupted
     report_progress("a second motion, for validation")
-    trajectories = Trajectory(limits.joints, pieces), _validation(feasible, space, request, basis, rng)
+    trajectories = Trajectory(limits.joints, pieces), _validation(feasible, request, basis, rng)
     report_progress("checking both")
     # the check shares no bounds or working sets with the search, and uses the real shapes where they are known
     check, validation_check = (verify(trajectory, feasible, shapes) for trajectory in trajectories)
-    information = _recorded_information(model, limits, trajectories[0], request)
+    information = _recorded_information(feasible, trajectories[0], request)
     accuracy = expected_accuracy(model, theta, information, basis, request.prior)
     interruption_notes = (Interrupted(),) if interrupted else ()
     notes = (*memory_notes, *interruption_notes, *unexcited_parameters(model, information, accuracy, request.prior))
     return Design(model, theta, request, limits, space, *trajectories, accuracy, (check, validation_check), notes)
 
 
-def _remaining_request(
-    model: Model, limits: MotionLimits, request: MotionRequest, pieces: tuple[Piece, ...]
-) -> MotionRequest:
+def _remaining_request(feasible: Feasibility, request: MotionRequest, pieces: tuple[Piece, ...]) -> MotionRequest:
     """Return the request for the motion after other pieces, whose information is added to the prior."""
     if not pieces:
         return request
-    trajectory = Trajectory(limits.joints, pieces)
+    trajectory = Trajectory(feasible.limits.joints, pieces)
     remaining_time = request.duration - trajectory.duration
-    information = _recorded_information(model, limits, trajectory, request)
+    information = _recorded_information(feasible, trajectory, request)
     prior = information if request.prior is None else information + request.prior
     return replace(request, duration=remaining_time, start=home_pose(pieces), prior=prior)
 
 
 def _validation(
-    feasible: Feasibility, space: Space, request: MotionRequest, basis: BaseParameters, rng: np.random.Generator
+    feasible: Feasibility, request: MotionRequest, basis: BaseParameters, rng: np.random.Generator
 ) -> Trajectory:
     """Return a second motion at other speeds: one period, from other starts, with a short search."""
     # other frequencies and speeds: validation on the same motion would not reveal an overfit
@@ -270,12 +268,12 @@ def _validation(
     validation_request = replace(
         request, family="fourier", period=period, harmonics=harmonics, duration=UNLIMITED_DURATION, max_periods=1
     )
-    interior = build_interior(feasible, space, replace(validation_request, duration=period), basis)
+    interior = build_interior(feasible, replace(validation_request, duration=period), basis)
     result = find_best_motion(interior, feasible, QUICK, rng)
     return Trajectory(feasible.limits.joints, reachable_motion(interior, feasible, result.x, validation_request, rng))
 
 
-def _recorded_information(model: Model, limits: MotionLimits, trajectory: Trajectory, request: MotionRequest) -> Array:
+def _recorded_information(feasible: Feasibility, trajectory: Trajectory, request: MotionRequest) -> Array:
     """Return the information (p, p) of a recording of a motion, without the slow samples that the fit leaves out."""
-    states = trajectory.states(trajectory.times(request.rate))
-    return torque_information(model, states, 1 / np.square(request.sigma), min_fit_speeds(model, limits))
+    model, states = feasible.model, trajectory.states(trajectory.times(request.rate))
+    return torque_information(model, states, 1 / np.square(request.sigma), min_fit_speeds(model, feasible.limits))

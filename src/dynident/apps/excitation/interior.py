@@ -13,7 +13,7 @@ import numpy as np
 from dynident.apps.excitation.criterion import InformationCriterion
 from dynident.apps.excitation.family import Family, LimitConstraints
 from dynident.apps.excitation.limits import DISTANCE_RESERVE, TORQUE_RESERVE, Feasibility, MotionLimits
-from dynident.models import Model, Space
+from dynident.models import Model
 from dynident.runtime import Noun
 from dynident.runtime.arrays import Array
 
@@ -33,9 +33,10 @@ class GridReserve(Noun):
     distance: Array
 
     @classmethod
-    def minimum(cls, feasible: Feasibility, space: Space) -> GridReserve:
+    def minimum(cls, feasible: Feasibility) -> GridReserve:
         """Return the smallest reserve that is kept free."""
-        return cls(np.full(len(feasible.limits.joints), TORQUE_RESERVE), np.full(len(space.pairs), DISTANCE_RESERVE))
+        joints, pairs = len(feasible.limits.joints), len(feasible.space.pairs)
+        return cls(np.full(joints, TORQUE_RESERVE), np.full(pairs, DISTANCE_RESERVE))
 
 
 class BarrierPoint(Noun):
@@ -54,7 +55,6 @@ class Interior(Noun):
     """
 
     feasible: Feasibility
-    space: Space
     family: Family
     grid: Array
     information: InformationCriterion
@@ -123,7 +123,7 @@ class Interior(Noun):
 
     def gaps(self, q: Array) -> Array:
         """Return the distances (N, P) in m beyond the clearance and the reserve."""
-        return self.space.distances(q) - self.feasible.clearance - self.spare.distance
+        return self.feasible.space.distances(q) - self.feasible.clearance - self.spare.distance
 
     def at(self, x: Array, weight: float) -> BarrierPoint | None:
         """Evaluate the criterion and a barrier of this ``weight`` at coefficients x; None where a limit is not kept."""
@@ -135,7 +135,7 @@ class Interior(Noun):
         push = self.torque_slack(states)
         if not (push > 0).all():
             return None
-        distances, distance_gradients = self.space.gradients(states[0])
+        distances, distance_gradients = self.feasible.space.gradients(states[0])
         gaps = distances - self.feasible.clearance - self.spare.distance
         if not (gaps > 0).all():
             return None
@@ -193,7 +193,7 @@ class Interior(Noun):
     def _extremes(self, states: Array, model: Model) -> tuple[Array, Array]:
         """Return the largest torques (n) as shares of the limits, and the least distances (P) beyond the clearance."""
         tau = np.abs(model.torque(states[0], states[1], states[2], self.feasible.theta) / self.limits.torque)
-        distances = self.space.distances(states[0]).min(axis=0, initial=np.inf)
+        distances = self.feasible.space.distances(states[0]).min(axis=0, initial=np.inf)
         return tau.max(axis=0), distances - self.feasible.clearance
 
     def shrink(self, x: Array) -> Array | None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from dynident.apps.excitation.trajectory import Course
-from dynident.models import Distances, Joint, Model, RigidBodies
+from dynident.models import EmptySpace, Joint, Model, RigidBodies, Space
 from dynident.models.robot_files import RobotJointLimits
 from dynident.project.arms import KnownArm, find_arm
 from dynident.project.fields import Number, Positive, Section
@@ -263,7 +263,7 @@ class Feasibility(Noun):
     model: Model
     theta: Array
     limits: MotionLimits
-    space: Distances | None = None
+    space: Space = EmptySpace()
     clearance: float = 0.0
     step: float = 0.0
 
@@ -279,8 +279,6 @@ class Feasibility(Noun):
 
     def min_gaps(self, q: Array) -> Array:
         """Return the smallest distances (N), m, less the clearance, at positions q (N, n)."""
-        if self.space is None:
-            return np.full(len(q), np.inf)
         nearest: Array = self.space.distances(q).min(axis=1, initial=np.inf)
         return nearest - self.clearance
 
@@ -345,7 +343,7 @@ class Feasibility(Noun):
             sentences.append(
                 f"In {heavy_count} {cause} needs more torque than is allowed, mostly of joint {name!r} ({limit:.4g})."
             )
-        if self.space is not None and too_near.any():
+        if too_near.any():
             pairs = self.space.pairs
             first, second = pairs[int(np.bincount(self.space.distances(q[too_near]).argmin(axis=1)).argmax())]
             sentences.append(

@@ -13,12 +13,12 @@ from dynident.apps.excitation.clearance import refuse_contact
 from dynident.apps.excitation.criterion import Criterion, InformationCriterion, base_information
 from dynident.apps.excitation.family import ClampedSpline, Family, Fourier, LinearCourse
 from dynident.apps.excitation.interior import GridReserve, Interior
-from dynident.apps.excitation.limits import Feasibility, MotionLimits
+from dynident.apps.excitation.limits import Feasibility
 from dynident.apps.excitation.search import Plan, SearchResult, search
 from dynident.apps.excitation.trajectory import STEP_TOLERANCE, Piece, Purpose
 from dynident.apps.excitation.way import from_rest
 from dynident.estimators.maximum_likelihood import with_smooth_signs
-from dynident.models import Model, Space
+from dynident.models import Model
 from dynident.regression import BaseParameters
 from dynident.runtime import ConfigError, InputError, Note, Noun, WordedEnum, choices, join_names
 from dynident.runtime.arrays import Array
@@ -109,7 +109,7 @@ def without_memory(
     return reduced_model, theta[kept_columns], replace(request, prior=prior), (note,)
 
 
-def check_request(limits: MotionLimits, space: Space, request: MotionRequest) -> None:
+def check_request(feasible: Feasibility, request: MotionRequest) -> None:
     """Raise ConfigError for a period longer than the motion, and a start that the limits do not allow.
 
     Raises InputError for a start pose in collision.
@@ -122,13 +122,14 @@ def check_request(limits: MotionLimits, space: Space, request: MotionRequest) ->
         )
     if request.start is None:
         return
+    limits = feasible.limits
     for name, value, low, high in zip(limits.joints, request.start, limits.lower, limits.upper, strict=True):
         if not low <= value <= high:
             raise ConfigError(
                 f"start: joint {name!r} is at {value:g}, outside of {low:.4g} to {high:.4g}, which are its limits less "
                 "the margin."
             )
-    refuse_contact(space, request.start, request.clearance, "the start")
+    refuse_contact(feasible.space, request.start, request.clearance, "the start")
 
 
 def criterion_rows(basis: BaseParameters, theta: Array, request: MotionRequest, scale: Array) -> Array | None:
@@ -162,7 +163,7 @@ class NoPathError(InputError):
     """There is no path from rest into a motion and back that keeps to the limits."""
 
 
-def build_interior(feasible: Feasibility, space: Space, request: MotionRequest, basis: BaseParameters) -> Interior:
+def build_interior(feasible: Feasibility, request: MotionRequest, basis: BaseParameters) -> Interior:
     """Build the barrier problem of a request, on its grid and with its criterion; signs of friction are smoothed."""
     # the search needs derivatives, which the sign of Coulomb friction does not have at rest
     smooth = replace(feasible, model=with_smooth_signs(feasible.model, SIGN_WIDTH * feasible.limits.velocity))
@@ -182,7 +183,7 @@ def build_interior(feasible: Feasibility, space: Space, request: MotionRequest, 
     information = replace(information, named=criterion_rows(basis, feasible.theta, request, information.scale))
     # log det sums over the parameters, the other criteria do not: scale the barrier to match
     unit = 1.0 if request.criterion is Criterion.D_OPTIMAL else 1.0 / basis.rank
-    return Interior(smooth, space, family, grid, information, GridReserve.minimum(smooth, space), unit)
+    return Interior(smooth, family, grid, information, GridReserve.minimum(smooth), unit)
 
 
 def find_best_motion(
@@ -228,7 +229,7 @@ def _tightest_limit(interior: Interior) -> str:
     if reserve.torque.max() > LARGE_TORQUE_RESERVE or not reserve.distance.size:
         name = interior.limits.joints[int(reserve.torque.argmax())]
         return f"the torque of joint {name!r} changes too quickly; allow it more, or less velocity"
-    first, second = interior.space.pairs[int(reserve.distance.argmax())]
+    first, second = interior.feasible.space.pairs[int(reserve.distance.argmax())]
     return f"{first!r} and {second!r} come too close; allow less clearance, or look at what stands there"
 
 

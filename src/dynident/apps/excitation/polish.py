@@ -30,7 +30,7 @@ def is_small_enough(interior: Interior) -> bool:
     # entries of the dense Jacobian of all constraints
     n, K = len(interior.limits.joints), interior.family.size
     rows = sum(len(rows) for rows in interior.guard.rows) + len(interior.grid)
-    return (2 * n * rows + len(interior.grid) * len(interior.space.pairs)) * n * K <= MAX_JACOBIAN_SIZE
+    return (2 * n * rows + len(interior.grid) * len(interior.feasible.space.pairs)) * n * K <= MAX_JACOBIAN_SIZE
 
 
 class _Linearisation(Noun):
@@ -146,6 +146,6 @@ def slack_jacobian(interior: Interior, x: Array) -> Array:
         np.einsum("ijk,il->ijkl", partial, B) for partial, B in zip(partials, functions[:3], strict=True)
     )
     torque_jacobian = torque_jacobian / interior.limits.torque[:, None, None]
-    gap_jacobian = np.einsum("ipk,il->ipkl", interior.space.gradients(states[0])[1], functions[0])
+    gap_jacobian = np.einsum("ipk,il->ipkl", interior.feasible.space.gradients(states[0])[1], functions[0])
     jacobians = -range_jacobian, range_jacobian, -torque_jacobian, torque_jacobian, gap_jacobian
     return np.concatenate([jacobian.reshape(-1, n * K) for jacobian in jacobians])

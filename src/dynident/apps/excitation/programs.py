@@ -17,7 +17,7 @@ import numpy as np
 from dynident.apps.excitation.limits import Feasibility, min_fit_speeds
 from dynident.apps.excitation.motion import MotionRequest
 from dynident.apps.excitation.trajectory import Course, Hold, Piece, Purpose, Sweep, ramp_times, round_up
-from dynident.apps.excitation.way import Quintic, find_path
+from dynident.apps.excitation.way import find_path
 from dynident.runtime import ConfigError, Noun, join_names
 from dynident.runtime.arrays import Array
 
@@ -189,7 +189,7 @@ def _path_pieces(feasible: Feasibility, start: Array, end: Array, rng: np.random
     if path is None:
         pose_words = join_names(f"{name} {x:.3g}" for name, x in zip(feasible.limits.joints, end, strict=True))
         raise ConfigError(f"no way was found that is free and within the limits, to the pose {pose_words}.")
-    return tuple(Piece(course, Purpose.WAY) for course in path)
+    return path
 
 
 def select_informative_poses(feasible: Feasibility, poses: Array, weights: Array, count: int) -> list[int]:
@@ -288,7 +288,7 @@ class _Tour(Noun):
     visits: tuple[Visit, ...]
     home: Array
     rng: np.random.Generator
-    paths: dict[tuple[int, int], tuple[Quintic, ...] | None] = field(default_factory=dict)
+    paths: dict[tuple[int, int], tuple[Piece, ...] | None] = field(default_factory=dict)
 
     def pieces(self, stops: list[int]) -> tuple[tuple[Piece, ...], list[int]]:
         """Return the pieces from home by the stops back to it, always to the nearest one, and the stops that are left.
@@ -307,7 +307,7 @@ class _Tour(Noun):
             tour.pop()
         pieces: list[Piece] = []
         for origin, target in pairwise([*tour, 0]):
-            pieces += [Piece(course, Purpose.WAY) for course in self._path(origin, target) or ()]
+            pieces += self._path(origin, target) or ()
             visit: tuple[Course, ...] = self.visits[target - 1] if target else ()
             pieces += [Piece(course, Purpose.POSE, str(tour.index(target))) for course in visit]
         return tuple(pieces), [k for k in stops if k in tour]
@@ -318,7 +318,7 @@ class _Tour(Noun):
     def _travel_time(self, origin: int, target: int) -> float:
         return float(np.abs((self._stop_pose(target) - self._stop_pose(origin)) / self.feasible.limits.velocity).max())
 
-    def _path(self, origin: int, target: int) -> tuple[Quintic, ...] | None:
+    def _path(self, origin: int, target: int) -> tuple[Piece, ...] | None:
         if (origin, target) not in self.paths:
             self.paths[origin, target] = find_path(
                 self.feasible, self._stop_pose(origin), self._stop_pose(target), self.rng

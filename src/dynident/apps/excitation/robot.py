@@ -95,7 +95,7 @@ class ExcitationProject(Noun):
                 f"excitation: {self.prior.model.name} is not made of a robot file, so that nothing can keep it clear "
                 "of obstacles; leave out `floor`, `boxes` and `cylinders`."
             )
-        return EmptySpace(len(self.limits.joints))
+        return EmptySpace()
 
     @cached_property
     def shapes(self) -> Distances | None:

@@ -139,8 +139,8 @@ def _path_is_free(feasible: Feasibility, start: Array, end: Array) -> bool:
     return bool(feasible.is_free(start + steps[:, None] * (end - start)).all())
 
 
-def find_path(feasible: Feasibility, start: Array, end: Array, rng: np.random.Generator) -> tuple[Quintic, ...] | None:
-    """Return courses from a pose at rest to another (n), by way of other poses where the straight path is not free.
+def find_path(feasible: Feasibility, start: Array, end: Array, rng: np.random.Generator) -> tuple[Piece, ...] | None:
+    """Return pieces from a pose at rest to another (n), by way of other poses where the straight path is not free.
 
     There are none where the poses are the same. None where no path is found. The other poses come from a
     probabilistic roadmap whose edges are checked in full only when they are on a route: R. Bohlin and L. E.
@@ -149,7 +149,7 @@ def find_path(feasible: Feasibility, start: Array, end: Array, rng: np.random.Ge
     if np.abs(start - end).max() < POSE_TOLERANCE:
         return ()
     if course := direct_path(feasible, rest_state(start), rest_state(end)):
-        return (course,)
+        return (Piece(course, Purpose.WAY),)
     if not feasible.can_stand(np.stack([start, end])).all():
         return None
     for count in DETOUR_POSES:
@@ -188,8 +188,8 @@ def _travel_costs(feasible: Feasibility, poses: Array) -> Array:
     return cost
 
 
-def _cheapest_path(feasible: Feasibility, poses: Array, cost: Array) -> tuple[Quintic, ...] | None:
-    """Return courses from the first of the poses (K, n) to the second along the cheapest edges that are free."""
+def _cheapest_path(feasible: Feasibility, poses: Array, cost: Array) -> tuple[Piece, ...] | None:
+    """Return pieces from the first of the poses (K, n) to the second along the cheapest edges that are free."""
     from scipy.sparse.csgraph import dijkstra
 
     courses: dict[tuple[int, int], Quintic] = {}
@@ -204,7 +204,7 @@ def _cheapest_path(feasible: Feasibility, poses: Array, cost: Array) -> tuple[Qu
         edges = list(pairwise(reversed(route)))
         unchecked = [edge for edge in edges if edge not in courses]
         if not unchecked:
-            return tuple(courses[edge] for edge in edges)
+            return tuple(Piece(courses[edge], Purpose.WAY) for edge in edges)
         origin, target = unchecked[0]
         if course := direct_path(feasible, rest_state(poses[origin]), rest_state(poses[target])):
             courses[origin, target] = course
@@ -252,11 +252,7 @@ def _with_paths(
     path_there, path_back = find_path(feasible, home, ends[0], rng), find_path(feasible, ends[1], home, rng)
     if path_there is None or path_back is None:
         return None
-    return (
-        *(Piece(segment, Purpose.WAY) for segment in path_there),
-        *motion,
-        *(Piece(segment, Purpose.WAY) for segment in path_back),
-    )
+    return (*path_there, *motion, *path_back)
 
 
 def _allowed_ramps(feasible: Feasibility, family: Fourier, x: Array) -> Iterator[tuple[tuple[Quintic, Quintic], Array]]:

@@ -82,8 +82,8 @@ def excite(
     """
     from functools import partial
 
-    from dynident.apps.excitation.expected_report import expected_findings, noise_words
-    from dynident.apps.excitation.report import NO_TRIAL, TRIAL, excitation_heading, limit_use_table, room_findings
+    from dynident.apps.excitation.expected_report import expected_findings, noise_words, room_findings
+    from dynident.apps.excitation.report import NO_TRIAL, TRIAL, excitation_heading, limit_use_table
     from dynident.apps.excitation.robot import read_excitation
     from dynident.apps.excitation.run import CONFIG as DRAFT
     from dynident.apps.excitation.run import refuse_targets, write_design

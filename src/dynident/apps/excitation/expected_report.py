@@ -1,4 +1,4 @@
-"""What a designed motion is expected to tell of each base parameter, and what stays open."""
+"""What a designed motion is expected to tell of each base parameter, what stays open, and what to look at before."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dynident.models import Floor, RigidBodies, ShapeSource
 from dynident.regression import UnexcitedParameters
 from dynident.report import Array, Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, PALE, RED, Trace, curve, mark_rows, panels, plain, trace
-from dynident.report.page import Figure, Fold, PageBlock, PageSection, PageTable, formula_blocks, short_formula
+from dynident.report.page import Facts, Figure, Fold, PageBlock, PageSection, PageTable, formula_blocks, short_formula
 from dynident.runtime import count, install_command, join_names, number
 
 MAX_JOINTS, MAX_FILES = 8, 3  # joints, and files, in a sentence
@@ -144,6 +144,23 @@ def limit_words(design: Design) -> Iterator[str]:
         )
     for joint, names in design.limits.beyond.items():
         yield f"The limits that are given for {joint} exceed those of the robot file: {', '.join(names)}."
+
+
+def excitation_findings(project: ExcitationProject, design: Design) -> list[str]:
+    """Return plain sentences: what the motion will tell, what stays open, what was assumed, and the notes."""
+    return [*expected_findings(design), *noise_words(project), *room_findings(project, design)]
+
+
+def room_findings(project: ExcitationProject, design: Design) -> list[str]:
+    """Return what to look at before the arm moves: what was assumed of its room, shapes and limits, and the notes."""
+    notes = (str(note) for note in design.notes if not isinstance(note, UnexcitedParameters))  # a table has these
+    around = (
+        *((str(project.gripper),) if project.gripper else ()),
+        *body_words(project),
+        *shape_words(project),
+        *floor_words(project, design),
+    )
+    return [*around, *limit_words(design), *notes]
 
 
 def design_figure(t: Array, titles: Sequence[str], values: Array, limits: Array) -> Drawing:
@@ -273,6 +290,24 @@ def _known_before(design: Design) -> ExpectedAccuracy | None:
     """Return the accuracy before the motion, None where nothing is known."""
     prior = design.request.prior
     return None if prior is None else expected_accuracy(design.model, design.theta, prior, design.expected.basis)
+
+
+def design_facts(design: Design) -> Facts:
+    """Return the few numbers to see first: the duration, how much will be known, and how near the arm comes."""
+    # Parameters whose nominal value is zero have no relative error
+    shares = design.expected.relative[has_value(design.expected)]
+    finite = shares[np.isfinite(shares)]
+    facts: list[tuple[str, ...]] = [
+        (f"{number(design.trajectory.duration, 3)} s", "duration, with approach and return"),
+        (
+            f"{int((shares <= WELL).sum())} of {len(shares)}",
+            f"base parameters with a nominal value that will be known to {WELL:g} %",
+        ),
+        (f"{number(float(np.median(finite)), 2)} %" if len(finite) else "-", "median of the expected standard errors"),
+    ]
+    if nearest := design.checks[0].nearest:
+        facts.append((f"{number(1e3 * nearest.distance, 3)} mm", "smallest distance", " and ".join(nearest.pair)))
+    return Facts(tuple(facts))
 
 
 def expected_section(design: Design) -> PageSection:

@@ -9,17 +9,11 @@ import numpy as np
 from dynident.apps.excitation.clearance import CapsuleSpace
 from dynident.apps.excitation.design import Design
 from dynident.apps.excitation.expected_report import (
-    WELL,
-    body_words,
+    design_facts,
     design_figure,
     distance_figure,
-    expected_findings,
+    excitation_findings,
     expected_section,
-    floor_words,
-    has_value,
-    limit_words,
-    noise_words,
-    shape_words,
 )
 from dynident.apps.excitation.limits import JointLimits
 from dynident.apps.excitation.robot import ExcitationProject
@@ -28,13 +22,11 @@ from dynident.apps.excitation.verify import QUANTITIES
 from dynident.identification import versions
 from dynident.models import Box, Floor, Geometry, Joint, Mesh, Obstacle, ShapeSource, Solid, outlines, solid_surface
 from dynident.models.robot_files import ShapeKind
-from dynident.regression import UnexcitedParameters
 from dynident.report import METAL, STILL, Replay, path_trace, root_surface, scene_figure, solid, surface
 from dynident.report.identification.parameters import missing_mesh_notes
 from dynident.report.page import (
     UNIT,
     Beside,
-    Facts,
     Figure,
     Gallery,
     PageBlock,
@@ -180,23 +172,6 @@ def _shape_sentences(geometry: Geometry) -> Iterator[str]:
     yield from missing_mesh_notes(geometry)
 
 
-def excitation_findings(project: ExcitationProject, design: Design) -> list[str]:
-    """Return plain sentences: what the motion will tell, what stays open, what was assumed, and the notes."""
-    return [*expected_findings(design), *noise_words(project), *room_findings(project, design)]
-
-
-def room_findings(project: ExcitationProject, design: Design) -> list[str]:
-    """Return what to look at before the arm moves: what was assumed of its room, shapes and limits, and the notes."""
-    notes = (str(note) for note in design.notes if not isinstance(note, UnexcitedParameters))  # a table has these
-    around = (
-        *((str(project.gripper),) if project.gripper else ()),
-        *body_words(project),
-        *shape_words(project),
-        *floor_words(project, design),
-    )
-    return [*around, *limit_words(design), *notes]
-
-
 def excitation_page(project: ExcitationProject, design: Design, files: Sequence[tuple[str, str]] = ()) -> str:
     """Return the design as one HTML page; ``files`` are the names of what was written, each with its use."""
     first_step = _SLOWLY if any(name.startswith(f"{TRIAL}.") for name, _ in files) else NO_TRIAL
@@ -205,7 +180,7 @@ def excitation_page(project: ExcitationProject, design: Design, files: Sequence[
     findings, view = tuple(excitation_findings(project, design)), arm_view(project, design)
     told = findings if view is None else Beside((view,), (findings,), "left")
     sections = [
-        PageSection("What it will tell", (_design_facts(design), told)),
+        PageSection("What it will tell", (design_facts(design), told)),
         *[PageSection("What to do with it", steps)] * bool(files),
         scene_section(project, design),
         PageSection("Motion and torque", (limit_use_table(design), _gallery(design))),
@@ -220,23 +195,6 @@ def excitation_heading(design: Design) -> str:
     """Return one sentence on what the motion is."""
     duration, other_duration = (number(trajectory.duration, 3) for trajectory in (design.trajectory, design.validation))
     return f"{design.request.program.words}, {duration} s, and another of {other_duration} s for validation."
-
-
-def _design_facts(design: Design) -> Facts:
-    # Parameters whose nominal value is zero have no relative error
-    shares = design.expected.relative[has_value(design.expected)]
-    finite = shares[np.isfinite(shares)]
-    facts: list[tuple[str, ...]] = [
-        (f"{number(design.trajectory.duration, 3)} s", "duration, with approach and return"),
-        (
-            f"{int((shares <= WELL).sum())} of {len(shares)}",
-            f"base parameters with a nominal value that will be known to {WELL:g} %",
-        ),
-        (f"{number(float(np.median(finite)), 2)} %" if len(finite) else "-", "median of the expected standard errors"),
-    ]
-    if nearest := design.checks[0].nearest:
-        facts.append((f"{number(1e3 * nearest.distance, 3)} mm", "smallest distance", " and ".join(nearest.pair)))
-    return Facts(tuple(facts))
 
 
 def motions_of(design: Design) -> Mapping[str, Trajectory]:

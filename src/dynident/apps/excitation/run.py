@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from dynident.apps.excitation.design import Design
+from dynident.apps.excitation.expected_report import excitation_findings
 from dynident.apps.excitation.files import recording_config, trajectory_files
 from dynident.apps.excitation.limits import LIMITS_FILE, Feasibility, JointLimits, usual_arm
 from dynident.apps.excitation.players import FRANKA, ROS, players
-from dynident.apps.excitation.report import MOTIONS, SLOWER, TRIAL, excitation_findings, excitation_page, motions_of
+from dynident.apps.excitation.report import MOTIONS, SLOWER, TRIAL, excitation_page, motions_of
 from dynident.apps.excitation.robot import ExcitationProject, read_excitation
 from dynident.apps.excitation.trajectory import Trajectory, slow_down
 from dynident.apps.excitation.verify import QUANTITIES, LimitError, verify

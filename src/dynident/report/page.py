@@ -140,24 +140,21 @@ class PageTable:
         return runs if any(name for name, _ in runs) else ()
 
 
-@dataclass(frozen=True)
-class Facts:
+class Facts(Noun):
     """The few numbers to see first: a value, what it is and, where there is more to say, a note below it."""
 
     facts: tuple[tuple[str, ...], ...]
     large: bool = False
 
 
-@dataclass(frozen=True)
-class Badge:
+class Badge(Noun):
     """A word to see first, in the colour of its tone."""
 
     text: str
     tone: Literal["good", "fair", "bad"]
 
 
-@dataclass(frozen=True)
-class Code:
+class Code(Noun):
     """A text that is shown as it is, line by line."""
 
     text: str

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -54,8 +53,7 @@ class Replay(Noun):
     q: Array
 
 
-@dataclass(frozen=True)
-class Layer:
+class Layer(Noun):
     """What a reader can switch on: its ``name``, and the indices of the moving traces that are then ``visible`` and
     ``faded``.
     """

@@ -14,7 +14,7 @@ from dynident.estimators.cone import minimise
 from dynident.models import Model, smallest_eigenvalue
 from dynident.project.export.identified import IdentifiedModel, holdable_mask
 from dynident.regression import BaseParameters, structural_base_parameters
-from dynident.runtime import ConfigError, ModelError, brief
+from dynident.runtime import ConfigError, ModelError, Noun
 from dynident.runtime.arrays import Array
 
 States = tuple[Array, Array, Array]
@@ -28,15 +28,12 @@ MIN_RELATIVE_EFFECT = 1e-8  # a smaller effect of a direction is rounding
 MAX_TORQUE_ROUNDING = 1e-9  # largest difference of the torque, relative, that rounding may make
 
 
-@dataclass(frozen=True)
-class ExportText:
+class ExportText(Noun):
     """The text of a model; ``left_out`` describes what its format cannot hold, ``notes`` are remarks."""
 
     text: str
     left_out: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-
-    __repr__ = brief
 
 
 @dataclass(frozen=True)
@@ -73,8 +70,7 @@ class FileError:
     file: float
 
 
-@dataclass(frozen=True)
-class Export:
+class Export(Noun):
     """A file to be written, or in ``refusal`` the reason why not: wrong for the format, or not verified.
 
     ``errors`` are those of the dynamics of the file on the logs, where these are known.
@@ -86,8 +82,6 @@ class Export:
     proof: Proof | None = None
     refusal: str = ""
     errors: tuple[FileError, ...] = ()
-
-    __repr__ = brief
 
     @property
     def ready(self) -> bool:

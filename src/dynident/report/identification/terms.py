@@ -101,12 +101,12 @@ def choice_comments(identification: Identification, source: str) -> dict[str, li
         ]
         if recipe.min_speed is not None:
             comments["min_speed"] = ["rad/s or m/s: slower samples are left out of the fit of that joint"]
-    if calibration.base_tilt is not None:
-        comments["model.base_tilt"] = [f"rad, about x and y: {calibration.base_tilt}"]
-    if calibration.time_offset is not None:
-        comments["time_offset"] = [f"s: {calibration.time_offset}"]
-    if calibration.prior_strength is not None:
-        comments["estimator"] = [f"strength of the prior: {calibration.prior_strength}"]
+    calibrated_values = {
+        "model.base_tilt": ("rad, about x and y", calibration.base_tilt),
+        "time_offset": ("s", calibration.time_offset),
+        "estimator": ("strength of the prior", calibration.prior_strength),
+    }
+    comments |= {key: [f"{unit}: {value}"] for key, (unit, value) in calibrated_values.items() if value is not None}
     if calibration.smoother is not None:
         tried = len(calibration.smoother.candidates)
         comments["smoother"] = [f"{tried} were compared by the cross-validated torque error"]

@@ -93,6 +93,11 @@ class Model:
         nominal = [parameter.value for parameter in self.parameters if parameter.value is not None]
         return np.array(nominal) if len(nominal) == len(self.parameters) else None
 
+    @cached_property
+    def parameter_slices(self) -> list[slice]:
+        """The parameters of each term."""
+        return [slice(end - n, end) for end, n in zip(np.cumsum(self._widths).tolist(), self._widths, strict=True)]
+
     @property
     def limits(self) -> Mapping[str, RobotJointLimits]:
         """Limits of the joints by name, where a robot file gives them."""
@@ -259,7 +264,7 @@ class Model:
         theta = check_theta(self, theta, None)
         shape = (*states[0].shape, len(self.joints))
         total = np.zeros((3, *shape))
-        for i, (term, part) in enumerate(zip(self.terms, self._parameter_slices, strict=True)):
+        for i, (term, part) in enumerate(zip(self.terms, self.parameter_slices, strict=True)):
             slopes = call_term(self, term, "partials", *states[:3], theta[part], *self._term_memory(i, states))
             for k, wrt in enumerate(("q", "dq", "ddq")):
                 total[k] += check_output(self, term, f"derivative by {wrt}", getattr(slopes, wrt, None), shape, states)
@@ -278,7 +283,7 @@ class Model:
         shape, total = (*states[0].shape, len(self.parameters)), np.zeros((3, *states[0].shape))
         if weights.shape != shape:
             raise ModelError(f"{self.name}: the weights have shape {weights.shape}, expected {shape}: those of Y.")
-        for k, (term, part) in enumerate(zip(self.terms, self._parameter_slices, strict=True)):
+        for k, (term, part) in enumerate(zip(self.terms, self.parameter_slices, strict=True)):
             arguments = (*states[:3], weights[..., part], *self._term_memory(k, states))
             gradient = call_term(self, term, "weighted_gradient", *arguments)
             total += check_output(self, term, "weighted gradient", gradient, total.shape, states)
@@ -327,7 +332,7 @@ class Model:
             tau = self._torque((q_, dq_, ddq, *memory), thetas, without=direct).reshape(n + 1, rows, n)
             mass, bias = (tau[1:] - tau[0]).transpose(1, 2, 0), tau[0]
         for k in direct:
-            term_matrices = call_term(self, self.terms[k], "mass_and_bias", q, dq, theta[self._parameter_slices[k]])
+            term_matrices = call_term(self, self.terms[k], "mass_and_bias", q, dq, theta[self.parameter_slices[k]])
             mass = mass + check_output(self, self.terms[k], "mass matrix", term_matrices[0], (rows, n, n), states)
             bias = bias + check_output(self, self.terms[k], "bias", term_matrices[1], (rows, n), states)
         return mass, bias
@@ -345,18 +350,13 @@ class Model:
         """The terms that have their own mass matrix."""
         return [k for k, term in enumerate(self.terms) if term.has_own("mass_and_bias")]
 
-    @cached_property
-    def _parameter_slices(self) -> list[slice]:
-        """The parameters of each term."""
-        return [slice(end - n, end) for end, n in zip(np.cumsum(self._widths).tolist(), self._widths, strict=True)]
-
     def _torque(self, states: tuple[Array, ...], theta: Array, without: Sequence[int] = ()) -> Array:
         """Return the torque of all terms, but those with the indices ``without``."""
         # one product with the whole regressor, unless a term has a faster torque of its own
         if theta.ndim == 2 or not (without or any(term.has_own("torque") for term in self.terms)):
             return times(self._regressor(states), theta)
         total = np.zeros(shape := states[0].shape)
-        for k, part in enumerate(self._parameter_slices):
+        for k, part in enumerate(self.parameter_slices):
             if k in without:
                 continue
             if self.terms[k].has_own("torque"):

@@ -28,7 +28,9 @@ ACCELERATION_TIME = 0.25  # s from rest to the velocity limit
 JERK_TIME = 0.05  # s from no acceleration to its limit
 MAX_FILE_RANGE = 4.001 * np.pi  # rad: a file with a wider range has none
 LimitValues = dict[str, float | None]  # of a joint by the fields of ``JointLimits``
-RULES: Mapping[str, Callable[[Mapping[str, Any]], float]] = {  # each by the limits before
+RULES: Mapping[str, Callable[[Mapping[str, Any]], float]] = {  # each by the limits before; the range is a whole turn
+    "lower": lambda limits: -np.pi if limits["upper"] is None else limits["upper"] - 2 * np.pi,
+    "upper": lambda limits: limits["lower"] + 2 * np.pi,
     "acceleration": lambda limits: limits["velocity"] / ACCELERATION_TIME,
     "jerk": lambda limits: limits["acceleration"] / JERK_TIME,
     "torque": lambda _: np.inf,
@@ -175,14 +177,11 @@ def _narrow_limits(limits: LimitValues, follower: LimitValues, factor: float, of
 def _apply_rules(limits: LimitValues) -> tuple[str, ...]:
     """Fill in the limits of a joint that are missing by rules, and return their names."""
     rules = []
-    if limits["lower"] is None or limits["upper"] is None:
-        limits["lower"], limits["upper"] = _default_range(limits["lower"], limits["upper"])
-        rules.append("position")
     for kind, rule in RULES.items():
         if limits[kind] is None:
             limits[kind] = rule(limits)
-            rules.append(kind)
-    return tuple(rules)
+            rules.append("position" if kind in ("lower", "upper") else kind)
+    return tuple(dict.fromkeys(rules))
 
 
 def _check_range(joint: Joint, limits: LimitValues, given: LimitValues, model: Model) -> None:
@@ -202,13 +201,6 @@ def _check_range(joint: Joint, limits: LimitValues, given: LimitValues, model: M
                 f"give the true one in the settings, such as `limits: {{{joint.name!r}: {{{kind}: 1.0}}}}`, or lock "
                 "the joint."
             )
-
-
-def _default_range(lower: float | None, upper: float | None) -> tuple[float, float]:
-    """Return the range of a joint that turns, of which an end or both are missing."""
-    if lower is None and upper is None:
-        return -np.pi, np.pi
-    return (lower, lower + 2 * np.pi) if lower is not None else ((upper or 0.0) - 2 * np.pi, upper or 0.0)
 
 
 def _check_complete(model: Model, limits: Mapping[str, LimitValues]) -> None:

@@ -39,10 +39,8 @@ def pinocchio_torque(model: Model, theta: Array, q: Array, dq: Array, ddq: Array
     bodies = next((term for term in model.terms if isinstance(term, RigidBodies)), None)
     if bodies is None or bodies.format != "urdf" or bodies.displacements or find_spec("pinocchio") is None:
         return None
-    widths = np.cumsum([0, *(len(term.parameters) for term in model.terms)])
-    index = next(k for k, term in enumerate(model.terms) if term is bodies)
     # parameters of the bodies among all parameters of the model
-    columns = slice(int(widths[index]), int(widths[index + 1]))
+    columns = model.parameter_slices[model.terms.index(bodies)]
     other_terms = tuple(term for term in model.terms if term is not bodies)
     try:
         arm = PinocchioArm.of(strip_to_joints(bodies.xml), bodies)

@@ -198,7 +198,7 @@ def payload_urdf(identification: Identification, payload: Payload, folder: Path)
     body = payload.body
     after = with_payload_link(before, payload.mount.frame, body.mass, body.centre, body.tensor)
     # the change of the bodies' parameters by the payload, to prove that the link adds just this
-    start = sum(len(term.parameters) for term in identification.model.terms[: identification.model.terms.index(bodies)])
-    added = (payload.mount.transform @ payload.value)[start : start + len(bodies.parameters)]
+    columns = identification.model.parameter_slices[identification.model.terms.index(bodies)]
+    added = (payload.mount.transform @ payload.value)[columns]
     check_payload_link(before, after, bodies, added)
     return relocate_urdf(after, identification.provenance, folder), notes

@@ -58,11 +58,7 @@ class IdentifiedModel(Noun):
     @property
     def parts(self) -> Iterator[tuple[Term, Array]]:
         """Each term with its own values."""
-        start = 0
-        for term in self.model.terms:
-            stop = start + len(term.parameters)
-            yield term, self.value[start:stop]
-            start = stop
+        return zip(self.model.terms, (self.value[part] for part in self.model.parameter_slices), strict=True)
 
     @property
     def memoryless(self) -> IdentifiedModel:

@@ -246,14 +246,8 @@ def _term_function(term: Term, values: Array, k: int) -> tuple[str, str]:
 
 def _load_functions(model: Model) -> list[str]:
     """Return the functions of the load, with the bodies of a preliminary model."""
-    bodies, values = model.bodies, np.array(model.load or ())
-    # the values of the load are those of all its terms, one after the other
-    ends = np.cumsum([len(term.parameters) for term in bodies.terms])[:-1]
-    pairs = zip(bodies.terms, np.split(values, ends), strict=True)
-    functions = [
-        _term_function(term, parameters, len(model.terms) + k)
-        for k, (term, parameters) in enumerate(pairs if model.load else ())
-    ]
+    parts = IdentifiedModel(model.bodies, np.array(model.load)).parts if model.load else ()
+    functions = [_term_function(term, values, len(model.terms) + k) for k, (term, values) in enumerate(parts)]
     calls = " + ".join(["0.0 * q", *(call for _, call in functions)])
     words = "Return the load of the joints: the torque of the bodies by a first fit."
     return [*(block for block, _ in functions), f'def _load(q, dq, ddq):\n    """{words}"""\n    return {calls}\n']

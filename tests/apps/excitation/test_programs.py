@@ -65,7 +65,7 @@ def test_where_the_torque_does_not_suffice_the_joint_starts_more_gently():
     for feasible in (FREE, weak):
         pieces = friction_program(feasible, 60.0, START, np.random.default_rng(0))
         verify(Trajectory(LIMITS.joints, pieces), Feasibility(MODEL, THETA, feasible.limits))
-        used.append({piece.course.acceleration for piece in pieces if piece.label == "lift"})
+        used.append({piece.course.ramp.acceleration for piece in pieces if piece.label == "lift"})
     assert used[0] == {LIMITS.acceleration[0]}
     assert max(used[1]) <= LIMITS.acceleration[0] / 2
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from dynident.apps.excitation.limits import Feasibility, min_fit_speeds
 from dynident.apps.excitation.motion import MotionRequest
-from dynident.apps.excitation.trajectory import Course, Hold, Piece, Purpose, Sweep, ramp_times, round_up
+from dynident.apps.excitation.trajectory import Course, Hold, Piece, Purpose, Ramp, Sweep, round_up
 from dynident.apps.excitation.way import find_path
 from dynident.runtime import ConfigError, Noun, join_names
 from dynident.runtime.arrays import Array
@@ -47,18 +47,15 @@ class _JointSweeps(Noun):
     joint: int
     room: float
     speeds: Array
-    acceleration: float
-    jerk: float
-    step: float
+    ramp: Ramp
 
     def sweeps(self, steady_time: float) -> Iterator[Sweep]:
         """Yield a sweep there and one back for each speed, which is kept for ``steady_time`` (s) if there is room."""
         direction = np.eye(len(self.pose))[self.joint]
         for speed in self.speeds.tolist():
-            ramp, full = ramp_times(speed, self.acceleration, self.jerk, self.step)
             # with little room the sweep is as long as it fits, else as long as its constant speed lasts
-            distance = min(self.room, speed * (steady_time + 2 * ramp + full))
-            forward_sweep = Sweep(self.pose, direction, distance, speed, self.acceleration, self.jerk, self.step)
+            distance = min(self.room, speed * (steady_time + self.ramp.duration(speed)))
+            forward_sweep = Sweep(self.pose, direction, distance, speed, self.ramp)
             yield forward_sweep
             yield replace(forward_sweep, pose=forward_sweep.end, distance=-distance)
 
@@ -131,16 +128,17 @@ def _plan_sweeps(
     start_pose, room = pose.copy(), high - low
     start_pose[joint] = low
     speed_limit, acceleration, jerk = (float(size[joint]) for size in limits.sizes[1:])
+    ramp = Ramp(acceleration, jerk, feasible.step)
     min_speed = MIN_SPEED_FACTOR * float(min_fit_speeds(feasible.model, limits)[joint])
     for _ in range(MAX_TRIES):
-        fastest = _fastest_speed(room, speed_limit, acceleration, jerk, feasible.step)
+        fastest = _fastest_speed(room, speed_limit, ramp)
         slowest_speed = min(max(MIN_SPEED_RATIO * fastest, min_speed), fastest)
         rates = np.geomspace(slowest_speed, fastest, speeds)
-        run = _JointSweeps(start_pose, joint, room, rates, acceleration, jerk, feasible.step)
+        run = _JointSweeps(start_pose, joint, room, rates, ramp)
         # the last two sweeps are the fastest, there and back: slower ones need less torque
         if room > 0 and all(map(feasible.allows, list(run.sweeps(np.inf))[-2:])):
             return run
-        acceleration, jerk = ACCELERATION_FACTOR * acceleration, ACCELERATION_FACTOR * jerk
+        ramp = Ramp(ACCELERATION_FACTOR * ramp.acceleration, ACCELERATION_FACTOR * ramp.jerk, ramp.step)
         speed_limit *= SPEED_FACTOR
     raise ConfigError(
         f"joint {limits.joints[joint]!r} cannot sweep alone between {low:.4g} and {high:.4g}, where it is free in the "
@@ -148,12 +146,11 @@ def _plan_sweeps(
     )
 
 
-def _fastest_speed(room: float, limit: float, acceleration: float, jerk: float, step: float) -> float:
+def _fastest_speed(room: float, limit: float, ramp: Ramp) -> float:
     """Return the greatest speed up to a limit that is constant for ``MIN_STEADY_SHARE`` of the range ``room``."""
     speed = limit
     for _ in range(SEARCH_STEPS):
-        ramp, full = ramp_times(speed, acceleration, jerk, step)
-        if speed * (2 * ramp + full) <= (1 - MIN_STEADY_SHARE) * room:
+        if speed * ramp.duration(speed) <= (1 - MIN_STEADY_SHARE) * room:
             break
         speed *= 0.9
     return speed
@@ -274,10 +271,9 @@ def _sweep_to_and_fro(feasible: Feasibility, pose: Array, velocity: Array) -> tu
         bounds = (feasible.limits.sizes[2:] / speeds).min(axis=1)
     # in units of the way: the joint with the tightest limit decides
     acceleration, jerk = min(1 / JERK_DURATION, float(bounds[0])), min(1 / JERK_DURATION**2, float(bounds[1]))
-    ramp, full = ramp_times(1.0, acceleration, jerk, feasible.step)
-    ramp_time = 2 * ramp + full
-    distance = max(HOLD_TIME / 2 - ramp_time, 2 * ramp_time)
-    forward = Sweep(pose - distance / 2 * velocity, velocity, distance, 1.0, acceleration, jerk, feasible.step)
+    ramp = Ramp(acceleration, jerk, feasible.step)
+    distance = max(HOLD_TIME / 2 - ramp.duration(1.0), 2 * ramp.duration(1.0))
+    forward = Sweep(pose - distance / 2 * velocity, velocity, distance, 1.0, ramp)
     return forward, replace(forward, pose=forward.end, distance=-distance)
 
 

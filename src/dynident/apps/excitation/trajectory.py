@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
@@ -228,33 +228,41 @@ def round_up(durations: Array, step: float) -> Array:
     return np.asarray(step * np.ceil(durations / step - STEP_TOLERANCE) if step else durations)
 
 
-def ramp_times(speed: float, acceleration: float, jerk: float, step: float = 0.0) -> tuple[float, float]:
-    """Return the time (s) for which the jerk acts, and then that of full acceleration, from rest to a speed.
+class Ramp(NamedTuple):
+    """How a joint comes from rest to a speed: ``acceleration`` and ``jerk`` are not exceeded, and the jerk acts for a
+    while, then the full acceleration, then the jerk again, each for whole multiples of ``step`` (s)."""
 
-    Afterwards the jerk acts again, for as long as before. Both are whole multiples of ``step`` (s).
-    """
-    # at low speeds the acceleration does not reach its limit
-    reaches_limit = speed * jerk >= acceleration**2
-    ramp = acceleration / jerk if reaches_limit else float(np.sqrt(speed / jerk))
-    steady = speed / acceleration - ramp if reaches_limit else 0.0
-    return float(round_up(np.array(ramp), step)), float(round_up(np.array(steady), step))
+    acceleration: float
+    jerk: float
+    step: float
+
+    def times(self, speed: float) -> tuple[float, float]:
+        """Return the time (s) for which the jerk acts, and that of full acceleration."""
+        # at low speeds the acceleration does not reach its limit
+        reaches_limit = speed * self.jerk >= self.acceleration**2
+        ramp = self.acceleration / self.jerk if reaches_limit else float(np.sqrt(speed / self.jerk))
+        steady = speed / self.acceleration - ramp if reaches_limit else 0.0
+        return float(round_up(np.array(ramp), self.step)), float(round_up(np.array(steady), self.step))
+
+    def duration(self, speed: float) -> float:
+        """Return the time (s) from rest to a speed; up and down again, a joint moves by the speed times it."""
+        ramp, steady = self.times(speed)
+        return 2 * ramp + steady
 
 
 class Sweep(Noun):
     """An arm that moves from rest in a ``pose`` (n) to rest, by ``distance`` times ``direction`` (n).
 
-    In between it has a constant ``speed``; ``acceleration`` and ``jerk`` are not exceeded on the way to that
-    speed and back, all along the direction. The distance is at least that of speeding up and slowing down, and is
-    made less, so that all parts take whole multiples of ``step`` (s).
+    In between it has a constant ``speed``, to which it comes by the ``ramp``, and back, all along the direction. The
+    distance is at least that of speeding up and slowing down, and is made less, so that all parts take whole multiples
+    of the ramp's step.
     """
 
     pose: Array
     direction: Array
     distance: float
     speed: float
-    acceleration: float
-    jerk: float
-    step: float = 0.0
+    ramp: Ramp
 
     @property
     def duration(self) -> float:
@@ -264,15 +272,13 @@ class Sweep(Noun):
     @property
     def cruise(self) -> float:
         """How long (s) the speed is constant."""
-        ramp, steady = self._ramps
-        longest = max(0.0, abs(self.distance) / self.speed - 2 * ramp - steady)
-        return self.step * np.floor(longest / self.step + STEP_TOLERANCE) if self.step else longest
+        longest, step = max(0.0, abs(self.distance) / self.speed - self.ramp.duration(self.speed)), self.ramp.step
+        return step * np.floor(longest / step + STEP_TOLERANCE) if step else longest
 
     @property
     def end(self) -> Array:
         """The pose (n) in which it ends."""
-        ramp, steady = self._ramps
-        length = self.speed * (2 * ramp + steady + self.cruise)
+        length = self.speed * (self.ramp.duration(self.speed) + self.cruise)
         return np.asarray(self.pose + np.copysign(length, self.distance) * self.direction)
 
     def states(self, t: Array) -> Array:
@@ -282,17 +288,13 @@ class Sweep(Noun):
         out[0] += self.pose
         return np.asarray(out)
 
-    @property
-    def _ramps(self) -> tuple[float, float]:
-        return ramp_times(self.speed, self.acceleration, self.jerk, self.step)
-
     @cached_property
     def _way(self) -> PPoly:
         """The way (rad or m) along the direction by time (s), in parts of constant jerk: ramp, cruise, ramp."""
         from scipy.interpolate import PPoly
 
-        ramp, steady = self._ramps
-        jerk = min(self.jerk, self.speed / (ramp * (ramp + steady)))  # less where the ramps are in whole steps
+        ramp, steady = self.ramp.times(self.speed)
+        jerk = min(self.ramp.jerk, self.speed / (ramp * (ramp + steady)))  # less where the ramps are in whole steps
         lengths = np.array([ramp, steady, ramp, self.cruise, ramp, steady, ramp])
         jerks = np.copysign(jerk, self.distance) * np.array([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])
         edges = np.concatenate([[0.0], np.cumsum(lengths[lengths > 0])])

@@ -48,6 +48,7 @@ from dynident.apps.excitation import (
     motion_limits,
 )
 from dynident.apps.excitation.design import torque_information
+from dynident.apps.excitation.exact_space import sample_poses
 from dynident.apps.excitation.family import LinearCourse
 from dynident.apps.excitation.limits import Feasibility
 from dynident.apps.excitation.motion import build_interior, motion_pieces
@@ -101,7 +102,7 @@ def arm(name: str, folder: Path, floor: float, duration: float, program: Program
     if name != "demo":
         sizes = [share * torque / (speed if kind == "viscous" else 1.0) for kind, share in SHARES.items()]
         truth[-4 * len(joints) :] = np.concatenate(sizes)
-    space = build_space(read_geometry(bodies, file), (Floor(floor),), limits.lower, limits.upper)
+    space = build_space(read_geometry(bodies, file), (Floor(floor),), sample_poses(limits.lower, limits.upper))
     return Arm(model, nominal, truth, limits, space, MotionRequest(NOISE * torque, program, duration=duration))
 
 

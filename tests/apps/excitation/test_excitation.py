@@ -245,6 +245,6 @@ def test_a_correlated_residual_counts_as_many_samples_as_are_independent() -> No
     reference = PriorKnowledge(MODEL, THETA, result, NoiseOrigin.RESULT)
     mean = np.sqrt((0.1**2 + 0.3**2) / 2)
     for rate, factor in ((100.0, 2.0), (400.0, 4.0), (10.0, 1.0)):
-        origin, sigma = torque_noise(reference, None, LIMITS, 0.1, rate)
+        origin, sigma = torque_noise(reference, ExcitationSettings(rate=rate), LIMITS)
         assert origin is NoiseOrigin.RESULT
         np.testing.assert_allclose(sigma, [mean * factor, 2 * mean])

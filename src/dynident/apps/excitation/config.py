@@ -196,29 +196,26 @@ def knowledge_of_result(identification: Identification) -> PriorKnowledge:
 
 
 def torque_noise(
-    prior: PriorKnowledge,
-    override: Mapping[str, float] | float | None,
-    limits: MotionLimits,
-    margin: float,
-    rate: float,
+    prior: PriorKnowledge, settings: ExcitationSettings, limits: MotionLimits
 ) -> tuple[NoiseOrigin, Array]:
-    """Return the origin of the torque noise, and its standard deviation (n) as for independent samples at ``rate``
-    (Hz).
+    """Return the origin of the torque noise, and its standard deviation (n) as for independent samples at the ``rate``
+    of the settings.
 
     Independent samples with this noise tell as much as the real, correlated ones: a residual is larger by the root of
     the number of samples in the time over which it decorrelates. Where nothing is known the noise is 1 % of the torque
-    limit, else 1 N m or N. ``override`` replaces it, for all joints or by joint. Raises ConfigError for unknown joints.
+    limit, else 1 N m or N. The settings may replace it, for all joints or by joint. Raises ConfigError for unknown
+    joints.
     """
     joints = limits.joints
     # the limits are already reduced by the margin, the rule refers to the full torque
-    rule = np.where(np.isfinite(limits.torque), NOISE_SHARE * limits.torque / (1.0 - margin), DEFAULT_NOISE)
+    rule = np.where(np.isfinite(limits.torque), NOISE_SHARE * limits.torque / (1.0 - settings.margin), DEFAULT_NOISE)
     origin, sigma = NoiseOrigin.RULE, rule
     if prior.identification is not None:
-        residual = _residual_noise(prior.identification, joints, rate)
+        residual = _residual_noise(prior.identification, joints, settings.rate)
         origin, sigma = prior.origin, np.where(residual > 0, residual, rule)
-    if override is None:
+    if settings.noise is None:
         return origin, sigma
-    by_joint = override if isinstance(override, Mapping) else dict.fromkeys(joints, override)
+    by_joint = settings.noise if isinstance(settings.noise, Mapping) else dict.fromkeys(joints, settings.noise)
     for name in by_joint:
         if name not in joints:
             raise ConfigError(f"excitation.noise: there is no joint {name!r}; {choices(name, joints)}")

@@ -39,18 +39,17 @@ def build_capsule_space(
     bodies: RigidBodies,
     capsules: Sequence[Capsule],
     obstacles: Sequence[Obstacle] = (),
-    lower: Array | None = None,
-    upper: Array | None = None,
+    poses: Array | None = None,
     own_boxes: Sequence[Box] = (),
     clearance: float = DEFAULT_CLEARANCE,
 ) -> CapsuleSpace:
     """Return the distances of an arm whose links have these capsules, with the pairs to be watched.
 
     These are all pairs of links, but not a body and the next one (of those that have capsules), and all pairs of a
-    moving link and an obstacle. Left out, and named, are links that in at least 90 % of 600 poses are nearer than the
-    ``clearance`` (m) and 10 mm, because they are parts of a wrist, and links that are nearer to an obstacle than the
-    clearance in all poses, because they stand there. The poses are spread evenly between ``lower`` and ``upper`` (n;
-    None: those of the file). ``own_boxes`` are parts of links that stand still.
+    moving link and an obstacle. Left out, and named, are links that in at least 90 % of the ``poses`` (N, n) are nearer
+    than the ``clearance`` (m) and 10 mm, because they are parts of a wrist, and links that are nearer to an obstacle
+    than the clearance in all poses, because they stand there. By default the poses are spread over the range of the
+    file. ``own_boxes`` are parts of links that stand still.
 
     Raises ConfigError for an obstacle that the end of the arm is at in all poses, or another link 150 mm inside it.
     """
@@ -60,7 +59,7 @@ def build_capsule_space(
     pairs = pairs[np.argsort(np.maximum(pairs[:, 1], len(capsules) - 1), kind="stable")]  # obstacle by obstacle
     # first watch every pair, then drop those that are near each other by construction
     full_space = CapsuleSpace(bodies, tuple(capsules), (*own_boxes, *obstacles), pairs, pairs[:0])
-    distances = full_space.distances(sample_robot_poses(bodies, lower, upper))
+    distances = full_space.distances(sample_robot_poses(bodies) if poses is None else poses)
     is_near = always_near_mask(distances, link_count, clearance)
     for k in link_count + np.flatnonzero(is_near[link_count:]):
         _refuse_within(full_space, pairs[k], float(distances[:, k].max()))
@@ -86,8 +85,7 @@ def _refuse_within(space: CapsuleSpace, pair: Integers, distance: float) -> None
 def build_space(
     geometry: Geometry,
     obstacles: Sequence[Obstacle] = (),
-    lower: Array | None = None,
-    upper: Array | None = None,
+    poses: Array | None = None,
     clearance: float = DEFAULT_CLEARANCE,
 ) -> CapsuleSpace:
     """Return the distances of an arm with these shapes, by capsules and the boxes of links that stand still.
@@ -95,7 +93,7 @@ def build_space(
     The pairs are those of ``build_capsule_space``.
     """
     capsules, own_boxes = body_capsules(geometry), fixed_boxes(geometry)
-    return build_capsule_space(geometry.bodies, capsules, obstacles, lower, upper, own_boxes, clearance)
+    return build_capsule_space(geometry.bodies, capsules, obstacles, poses, own_boxes, clearance)
 
 
 def always_near_mask(distances: Array, link_count: int, clearance: float) -> NDArray[np.bool_]:
@@ -108,22 +106,15 @@ def always_near_mask(distances: Array, link_count: int, clearance: float) -> NDA
     return np.where(np.arange(distances.shape[1]) < link_count, usually_near, (distances < clearance).all(axis=0))
 
 
-def sample_robot_poses(
-    bodies: RigidBodies, lower: Array | None, upper: Array | None, count: int = SAMPLE_POSES
-) -> Array:
-    """Return ``count`` poses spread evenly between ``lower`` and ``upper`` (n), those of the file where None."""
+def sample_robot_poses(bodies: RigidBodies) -> Array:
+    """Return poses (N, n) spread evenly over the range of the joints in the robot file."""
     limits = [bodies.limits[joint.name] for joint in bodies.joints]
-    low = np.array([limit.lower for limit in limits] if lower is None else lower, dtype=float)
-    high = np.array([limit.upper for limit in limits] if upper is None else upper, dtype=float)
-    low, high = (
-        np.where(np.isfinite(low), low, -DEFAULT_HALF_RANGE),
-        np.where(np.isfinite(high), high, DEFAULT_HALF_RANGE),
-    )
-    return sample_poses(low, high, count)
+    ends = np.array([(limit.lower, limit.upper) for limit in limits], dtype=float).reshape(-1, 2)
+    return sample_poses(*np.where(np.isfinite(ends), ends, (-DEFAULT_HALF_RANGE, DEFAULT_HALF_RANGE)).T)
 
 
-def sample_poses(lower: Array, upper: Array, count: int) -> Array:
-    """Return poses (count, n) that fill the range of the joints evenly: the same ones each time.
+def sample_poses(lower: Array, upper: Array, count: int = SAMPLE_POSES) -> Array:
+    """Return poses (count, n) that fill the range of the joints evenly: the same ones each time, fewer or more.
 
     An additive recurrence by powers of the root of x^(n + 1) = x + 1 (M. Roberts, 2018).
     """
@@ -169,17 +160,13 @@ class ExactSpace(Noun):
 
 
 def exact_space(
-    geometry: Geometry,
-    space: CapsuleSpace,
-    lower: Array | None = None,
-    upper: Array | None = None,
-    clearance: float = DEFAULT_CLEARANCE,
+    geometry: Geometry, space: CapsuleSpace, poses: Array | None = None, clearance: float = DEFAULT_CLEARANCE
 ) -> ExactSpace | None:
     """Return the real shapes of an arm among the obstacles of ``space``; None where Pinocchio is not installed.
 
     A body of which only the joints are known has the capsules of ``space``. All pairs are watched but a body
-    and the next one, and those that are near each other in nearly all of 200 poses (``build_capsule_space``)
-    between ``lower`` and ``upper`` (n). Where ``space`` does not watch two bodies, so that no motion in it
+    and the next one, and those that are near each other in nearly all of the first 200 ``poses``, as those
+    of ``build_capsule_space``. Where ``space`` does not watch two bodies, so that no motion in it
     keeps them apart, a pair is left out that is nearer than the ``clearance`` (m) in any of the poses.
     """
     if any(importlib.util.find_spec(name) is None for name in ("pinocchio", "coal")):
@@ -193,7 +180,8 @@ def exact_space(
     parts = [element.body for element in solids]
     pairs, link_count = candidate_pairs(geometry.bodies, parts, len(obstacles))
     full_space = ExactSpace(geometry.bodies, solids, obstacles, pairs)
-    distances = full_space.distances(sample_robot_poses(geometry.bodies, lower, upper, TRIAL_POSES))
+    poses = sample_robot_poses(geometry.bodies) if poses is None else poses
+    distances = full_space.distances(poses[:TRIAL_POSES])
     # where the capsules of two bodies are not watched, no motion keeps them apart: leave them out here as well
     obstacle_names = [obstacle.name for obstacle in obstacles]
     body_pairs = _named_pairs(pairs, [*parts, *obstacle_names])

@@ -40,8 +40,9 @@ class GridReserve(Noun):
 
 
 class BarrierPoint(Noun):
-    """The ``criterion`` at some coefficients, the ``value`` with the barrier, and its ``gradient`` (n, K)."""
+    """The ``criterion`` at coefficients ``x`` (n, K), the ``value`` with the barrier, and its ``gradient`` (n, K)."""
 
+    x: Array
     criterion: float
     value: float
     gradient: Array
@@ -155,7 +156,7 @@ class Interior(Noun):
             )
         gradient = np.einsum("din,dik->nk", state_gradients, self.functions)
         gradient += share * ((1.0 / room[0] - 1.0 / room[1]) / self._row_sizes).T @ self._rows
-        return BarrierPoint(criterion, criterion + barrier, gradient)
+        return BarrierPoint(x, criterion, criterion + barrier, gradient)
 
     def barrier_curvature(self, x: Array, weight: float, centre_weight: float) -> Array:
         """Return the curvature (n, K, K) of the barrier of q, dq, ddq and jerk, joint by joint.

@@ -23,7 +23,7 @@ from dynident.apps.excitation.config import (
 )
 from dynident.apps.excitation.criterion import Criterion
 from dynident.apps.excitation.design import Design, design
-from dynident.apps.excitation.exact_space import build_space, exact_space
+from dynident.apps.excitation.exact_space import build_space, exact_space, sample_poses
 from dynident.apps.excitation.gripper import GripperLeftOut, find_gripper
 from dynident.apps.excitation.limits import JointLimits, MotionLimits, motion_limits
 from dynident.apps.excitation.motion import MotionRequest, Program
@@ -88,8 +88,8 @@ class ExcitationProject(Noun):
     def space(self) -> Space:
         """What the arm must keep clear of: itself and the obstacles; ConfigError where it has no known bodies."""
         if self.geometry is not None:
-            lower, upper = self.limits.lower, self.limits.upper
-            return build_space(self.geometry, self.obstacles, lower, upper, self.request.clearance)
+            poses = sample_poses(self.limits.lower, self.limits.upper)
+            return build_space(self.geometry, self.obstacles, poses, self.request.clearance)
         if self.obstacles:
             raise ConfigError(
                 f"excitation: {self.prior.model.name} is not made of a robot file, so that nothing can keep it clear "
@@ -103,7 +103,7 @@ class ExcitationProject(Noun):
         space, limits = self.space, self.limits
         if self.geometry is None or not isinstance(space, CapsuleSpace) or not space.pairs:
             return None
-        return exact_space(self.geometry, space, limits.lower, limits.upper, self.request.clearance)
+        return exact_space(self.geometry, space, sample_poses(limits.lower, limits.upper), self.request.clearance)
 
     def design(self, executor: Executor | None = None) -> Design:
         """Return the most informative motion; raises the errors of ``dynident.apps.excitation.design``."""
@@ -164,7 +164,7 @@ def read_excitation(
     else:
         prior = _prior_from_logs(path, config_text(path), ready)
     limits = motion_limits(prior.model, _user_limits(motion_settings, prior.model, speed), motion_settings.margin)
-    origin, sigma = torque_noise(prior, motion_settings.noise, limits, motion_settings.margin, motion_settings.rate)
+    origin, sigma = torque_noise(prior, motion_settings, limits)
     alike = ("family", "duration", "period", "harmonics", "rate", "starts", "clearance")
     request = MotionRequest(
         sigma,

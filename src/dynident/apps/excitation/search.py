@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -214,7 +215,7 @@ def improve_motion(interior: Interior, x: Array, stage: Stage) -> tuple[Array, f
     point = interior.at(x, stage.weight)
     if point is None:
         raise InputError("the motion that a search begins with does not keep to the limits, or shows nothing.")
-    best, values = (x, point.criterion), [point.value]
+    best, values = point, [point.value]
     history = deque[tuple[Array, Array, float]](maxlen=HISTORY_LENGTH)
     metric = interior.barrier_curvature(x, stage.weight, CENTRE_WEIGHT)
     for _ in range(stage.steps):
@@ -223,27 +224,25 @@ def improve_motion(interior: Interior, x: Array, stage: Stage) -> tuple[Array, f
         if float((step * point.gradient).sum()) >= 0:
             history.clear()
             step = _direction(metric, history, point.gradient)
-        accepted = _line_search(interior, x, step, point, stage.weight)
+        next_point = _line_search(interior, point, step, stage.weight)
         # no point along the step is good enough: try once more without history, from the curvature here
-        if accepted is None:
+        if next_point is None:
             if not history:
                 break
             history.clear()
-            metric = interior.barrier_curvature(x, stage.weight, CENTRE_WEIGHT)
+            metric = interior.barrier_curvature(point.x, stage.weight, CENTRE_WEIGHT)
             continue
-        next_x, next_point = accepted
-        change, gradient_change = next_x - x, next_point.gradient - point.gradient
+        change, gradient_change = next_point.x - point.x, next_point.gradient - point.gradient
         # pairs with little curvature would make the quasi-Newton matrix indefinite
         size = np.linalg.norm(change) * np.linalg.norm(gradient_change)
         if (curvature := float((change * gradient_change).sum())) > 1e-10 * size:
             history.append((change, gradient_change, 1.0 / curvature))
-        x, point = next_x, next_point
-        if point.criterion < best[1]:
-            best = x, point.criterion
+        point = next_point
+        best = min(best, point, key=attrgetter("criterion"))
         values.append(point.value)
         if len(values) > PATIENCE and values[-PATIENCE - 1] - values[-1] < MIN_GAIN * interior.unit:
             break
-    return best
+    return best.x, best.criterion
 
 
 def _direction(metric: Array, history: Sequence[tuple[Array, Array, float]], gradient: Array) -> Array:
@@ -259,19 +258,16 @@ def _direction(metric: Array, history: Sequence[tuple[Array, Array, float]], gra
     return np.asarray(-r)
 
 
-def _line_search(
-    interior: Interior, x: Array, step: Array, point: BarrierPoint, weight: float
-) -> tuple[Array, BarrierPoint] | None:
-    """Return the first motion along a step at which the value is low enough, and its point; None without one."""
+def _line_search(interior: Interior, point: BarrierPoint, step: Array, weight: float) -> BarrierPoint | None:
+    """Return the first point along a step at which the value is low enough; None without one."""
     slope = float((step * point.gradient).sum())
     # stop short of the ranges, beyond which the barrier does not exist; torques and distances are tried
-    size = min(1.0, _free_step(interior, x, step))
+    size = min(1.0, _free_step(interior, point.x, step))
     for _ in range(MAX_LINE_STEPS):
-        next_x = x + size * step
-        next_point = interior.at(next_x, weight)
+        next_point = interior.at(point.x + size * step, weight)
         # sufficient decrease (Armijo)
         if next_point is not None and next_point.value <= point.value + 1e-4 * size * slope:
-            return next_x, next_point
+            return next_point
         size *= 0.5 if next_point is None else _step_reduction(point.value, slope, next_point.value, size)
     return None
 

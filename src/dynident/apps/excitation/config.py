@@ -216,11 +216,18 @@ def torque_noise(
     if settings.noise is None:
         return origin, sigma
     by_joint = settings.noise if isinstance(settings.noise, Mapping) else dict.fromkeys(joints, settings.noise)
-    for name in by_joint:
+    return NoiseOrigin.GIVEN, values_of_joints(by_joint, sigma, joints, "excitation.noise")
+
+
+def values_of_joints(values: Mapping[str, float], defaults: Array, joints: tuple[str, ...], place: str) -> Array:
+    """Return values by joint as an array (n), with those of ``defaults`` (n) where there are none.
+
+    Raises ConfigError for an unknown joint, with the ``place`` of the setting.
+    """
+    for name in values:
         if name not in joints:
-            raise ConfigError(f"excitation.noise: there is no joint {name!r}; {choices(name, joints)}")
-    noise = [by_joint.get(name, std) for name, std in zip(joints, sigma.tolist(), strict=True)]
-    return NoiseOrigin.GIVEN, np.array(noise)
+            raise ConfigError(f"{place}: there is no joint {name!r}; {choices(name, joints)}")
+    return np.array([values.get(name, default) for name, default in zip(joints, defaults, strict=True)])
 
 
 def _residual_noise(identification: Identification, joints: tuple[str, ...], rate: float) -> Array:

@@ -20,6 +20,7 @@ from dynident.apps.excitation.config import (
     nominal_knowledge,
     settings_in,
     torque_noise,
+    values_of_joints,
 )
 from dynident.apps.excitation.criterion import Criterion
 from dynident.apps.excitation.design import Design, design
@@ -39,8 +40,7 @@ from dynident.project.fields import read_settings
 from dynident.project.project import parse_project
 from dynident.project.saved import load
 from dynident.project.settings import RobotSettings, robot_settings
-from dynident.runtime import ConfigError, InputError, Noun, choices, report_progress
-from dynident.runtime.arrays import Array
+from dynident.runtime import ConfigError, InputError, Noun, report_progress
 
 Robot = RobotSettings | str
 CONFIGS = (".yaml", ".yml")
@@ -165,13 +165,16 @@ def read_excitation(
         prior = _prior_from_logs(path, config_text(path), ready)
     limits = motion_limits(prior.model, _user_limits(motion_settings, prior.model, speed), motion_settings.margin)
     origin, sigma = torque_noise(prior, motion_settings, limits)
+    start = None
+    if motion_settings.start is not None:
+        start = values_of_joints(motion_settings.start, np.zeros(len(sigma)), limits.joints, "excitation.start")
     alike = ("family", "duration", "period", "harmonics", "rate", "starts", "clearance")
     request = MotionRequest(
         sigma,
         Program(motion_settings.program),
         Criterion(motion_settings.criterion),
         file_rate=motion_settings.file_rate or motion_settings.rate,
-        start=_start_pose(motion_settings, limits.joints),
+        start=start,
         named=motion_settings.parameters,
         prior=prior.information,
         **{name: getattr(motion_settings, name) for name in alike},
@@ -266,12 +269,3 @@ def _motion_settings(
     # what nobody gives stays a default in the files that are written
     values = {**dict(motion_settings), "duration": duration, "period": period}
     return ExcitationSettings.model_construct(named_fields, **values)
-
-
-def _start_pose(settings: ExcitationSettings, joints: tuple[str, ...]) -> Array | None:
-    if settings.start is None:
-        return None
-    for name in settings.start:
-        if name not in joints:
-            raise ConfigError(f"excitation.start: there is no joint {name!r}; {choices(name, joints)}")
-    return np.array([settings.start.get(name, 0.0) for name in joints])

@@ -41,9 +41,7 @@ def identified_urdf(identified: IdentifiedModel) -> ExportText:
     """
     bodies, _ = identified.bodies
     text, joint_drives, notes = edit_urdf(identified, armature=False)
-    gravity = (
-        [] if bodies.gravity == EARTH_GRAVITY else [f"gravity {bodies.gravity} m/s^2 in the frame of the root link"]
-    )
+    gravity = [f"gravity {bodies.gravity} m/s^2 in the frame of the root link"] * (bodies.gravity != EARTH_GRAVITY)
     return ExportText(str(text), (*joint_drives.left_out, *gravity), notes)
 
 

@@ -16,7 +16,6 @@ from dynident.apps.excitation.limits import JointLimits, MotionLimits
 from dynident.apps.excitation.motion import MotionRequest
 from dynident.identification import Identification
 from dynident.models import Model
-from dynident.project.config import nominal_values
 from dynident.project.fields import (
     Name,
     NonNegative,
@@ -167,14 +166,6 @@ class PriorKnowledge(Noun):
     origin: NoiseOrigin = NoiseOrigin.RULE
     information: Array | None = None
     loss_reason: str = ""
-
-
-def nominal_knowledge(model: Model, loss_reason: str = "") -> PriorKnowledge:
-    """Return what the robot file says: its bodies, and friction and rotor inertia where it gives them, else none.
-
-    Raises ModelError where a body has no inertia.
-    """
-    return PriorKnowledge(model, nominal_values(model), loss_reason=loss_reason)
 
 
 def knowledge_of_result(identification: Identification) -> PriorKnowledge:

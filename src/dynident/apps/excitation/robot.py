@@ -17,7 +17,6 @@ from dynident.apps.excitation.config import (
     NoiseOrigin,
     PriorKnowledge,
     knowledge_of_result,
-    nominal_knowledge,
     settings_in,
     torque_noise,
     values_of_joints,
@@ -35,7 +34,7 @@ from dynident.files.xml_text import SUFFIXES
 from dynident.files.yaml_text import load_yaml
 from dynident.identification import Identification, SourceFile
 from dynident.models import Box, Cylinder, Distances, EmptySpace, Floor, Geometry, Model, Obstacle, RigidBodies, Space
-from dynident.project.config import config_text, load_model, replace_auto_terms
+from dynident.project.config import config_text, load_model, nominal_values, replace_auto_terms
 from dynident.project.fields import read_settings
 from dynident.project.project import parse_project
 from dynident.project.saved import load
@@ -160,7 +159,7 @@ def read_excitation(
             gripper = find_gripper(model)
             held_robot = robot.model_copy(update={"lock": gripper.positions if gripper else {}})
             model = load_model(replace_auto_terms(held_robot), folder) if gripper else model
-        prior = nominal_knowledge(model)
+        prior = PriorKnowledge(model, nominal_values(model))
     else:
         prior = _prior_from_logs(path, config_text(path), ready)
     limits = motion_limits(prior.model, _user_limits(motion_settings, prior.model, speed), motion_settings.margin)
@@ -222,7 +221,8 @@ def _prior_from_logs(path: Path, text: str, ready: Callable[[], None]) -> PriorK
     # a fit to part of the logs would be another one than the configuration describes
     if missing_file := next((file for file in logs if not file.exists()), None):
         model = load_model(replace_auto_terms(project.config.model), path.parent)
-        return nominal_knowledge(model, f"the configuration names {missing_file.name}, which is not there")
+        reason = f"the configuration names {missing_file.name}, which is not there"
+        return PriorKnowledge(model, nominal_values(model), loss_reason=reason)
     report_progress("identifying from the logs of the configuration")
     identification = project.identify()
     return PriorKnowledge(identification.model, identification.estimate.value, identification, NoiseOrigin.LOGS)

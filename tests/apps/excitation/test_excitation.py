@@ -18,7 +18,6 @@ from dynident.apps.excitation.config import (
     NoiseOrigin,
     PriorKnowledge,
     knowledge_of_result,
-    nominal_knowledge,
     settings_in,
     torque_noise,
 )
@@ -27,6 +26,7 @@ from dynident.apps.excitation.files import recording_config
 from dynident.apps.excitation.robot import DURATIONS, read_excitation
 from dynident.models import Box, Cylinder, EmptySpace, Floor, Model, RigidBodies
 from dynident.models.friction import Coulomb, Viscous
+from dynident.project.config import nominal_values
 from dynident.project.fields import read_settings
 from dynident.runtime import ConfigError, InputError, ModelError
 from tests.apps.excitation.arms import LIMITS, MODEL, THETA, TWO
@@ -218,17 +218,17 @@ def test_the_section_of_a_file() -> None:
 def test_friction_is_that_of_the_robot_file_where_it_says_any() -> None:
     rusty = TWO.replace('<limit effort="40"', '<dynamics damping="0.7" friction="0.3"/><limit effort="40"')
     bodies = RigidBodies(rusty, source="two.urdf")
-    result = nominal_knowledge(Model((bodies, Viscous(bodies.joints, on=("lift",)), Coulomb(bodies.joints))))
+    theta = nominal_values(Model((bodies, Viscous(bodies.joints, on=("lift",)), Coulomb(bodies.joints))))
     assert bodies.damping == {"lift": 0.7}
-    np.testing.assert_array_equal(result.theta[:20], THETA[:20])
-    np.testing.assert_array_equal(result.theta[20:], [0.7, 0.3, 0.0])
+    np.testing.assert_array_equal(theta[:20], THETA[:20])
+    np.testing.assert_array_equal(theta[20:], [0.7, 0.3, 0.0])
 
 
 def test_a_body_without_inertia_is_named() -> None:
     odd = [replace(parameter, value=None) if parameter.body == "lower" else parameter for parameter in MODEL.parameters]
     unknown: Any = SimpleNamespace(parameters=odd, name="two.urdf", terms=())
     with pytest.raises(ModelError, match=r"two.urdf: the inertia of lower is not in the robot file"):
-        nominal_knowledge(unknown)
+        nominal_values(unknown)
 
 
 def residual(size: float, decorrelation: float) -> Any:

@@ -24,7 +24,7 @@ from dynident.apps.demo.servo_arm import (
     servo_recording,
 )
 from dynident.apps.servo.backlash import Backlash, find_backlash
-from dynident.apps.servo.fit import fit_values, suspect_entries
+from dynident.apps.servo.fit import fit_values, residuals, sensitivity, suspect_entries
 from dynident.apps.servo.judge import ServoUse, position_noise, roll_out
 from dynident.apps.servo.plant import ServoLog
 from dynident.apps.servo.robot import load_plant
@@ -60,6 +60,23 @@ def test_values_and_delay_are_found_within_their_errors(motion) -> None:
     assert rollout.use is ServoUse.GOOD
     assert (rollout.error < 1.3 * 2 * np.pi / 4096 / np.sqrt(12)).all()
     assert (rollout.nominal_error > 10 * rollout.error).all()
+
+
+def slow_recording() -> ServoLog:
+    """Commands in steps and positions at 30 Hz, which is no multiple of the time step, as low-cost arms log them."""
+    t = np.arange(180) / 30.0
+    command = np.round(0.3 * np.sin(np.outer(t, (5.0, 3.0, 4.0))) + 0.2 * (np.floor(t[:, None] / 2) % 2), 2)
+    (q,) = plant().rollout(values(), ServoLog("", t, command, t, command))
+    return ServoLog("30 Hz", t, np.round(q / COUNT) * COUNT, t, command)
+
+
+def test_the_slope_by_the_delay_is_that_to_both_sides() -> None:
+    # where commands pass from one time step to the next, slopes differ: that to one side alone stops a search
+    motion, delay, change = smooth_servo_log(slow_recording()), Entry(Quantity.DELAY, 0), 2e-4
+    base, *sides = (residuals(plant(), [motion], values(delay=TRUE_DELAY + x)) for x in (0.0, change, -change))
+    slope = sensitivity(plant(), [motion], values(), [delay], base)[..., 0]
+    misses = [np.linalg.norm(side - base - x * slope) for side, x in zip(sides, (change, -change), strict=True)]
+    assert misses[0] == pytest.approx(misses[1], rel=0.25)
 
 
 def test_an_unknown_kp_starts_from_gravity(motion) -> None:

@@ -275,6 +275,14 @@ def test_what_is_wrong_with_a_log_is_said(config, folder) -> None:
         assert code == (severity == "error")
 
 
+def test_servos_at_their_limits_are_named_by_identify(config, folder) -> None:
+    text = config.replace("limit: 3.35", "limit: 0.5").replace("commands: estimate", "commands: held")
+    text = text.partition("validation:")[0].replace("delay: estimate", f"delay: {TRUE_DELAY}")
+    (folder / "weak.yaml").write_text(text.replace("monday.csv", "monday.csv\n    window: [0, 1.5]"))
+    words = " ".join(succeed("identify", "weak.yaml", "--out", "weak").output.split())
+    assert "the servo is at its limit of 0.5" in words
+
+
 def test_a_rollout_of_another_recording_is_that_of_the_report(folder) -> None:
     succeed("predict", "servos/servo.json", "tuesday.csv", "--out", "positions.csv")
     table = pl.read_csv("positions.csv")

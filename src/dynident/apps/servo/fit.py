@@ -23,7 +23,7 @@ TOLERANCE = 0.1  # standard errors, below which a step ends the search
 MIN_DECREASE = 0.05  # of the squared error in a step, below which the sensitivities are not computed again
 MAX_CHORD_STEP = 0.02  # of a coordinate, beyond which they are in any case
 MAX_REMAINING = 0.3  # standard errors, by which the values of a search that has converged are off at most
-STEPS = {Quantity.DELAY: 5e-4, Quantity.OFFSET: 1e-3, Quantity.COMMAND_OFFSET: 1e-3}  # s and rad, of differences
+STEPS = {Quantity.DELAY: 1e-4, Quantity.OFFSET: 1e-3, Quantity.COMMAND_OFFSET: 1e-3}  # s and rad, of differences
 RELATIVE_STEP = 1e-3  # of differences: small, as a factor that all values of a joint share hardly acts
 MAX_REFUSALS = 8  # of a step, each with more damping
 MIN_STEP = 1e-6  # SI: of differences of what is nearly zero
@@ -120,8 +120,12 @@ def sensitivity(
     columns = []
     for k, entry in enumerate(entries):
         size = STEPS.get(entry.quantity) or max(RELATIVE_STEP, MIN_STEP / values.entry(entry))
-        moved = values.moved(entries, size * np.eye(len(entries))[k])
-        columns.append((residuals(plant, motions, moved) - base) / size)
+        moved, before = values.moved(entries, size * np.eye(len(entries))[k]), base
+        if entry.quantity is Quantity.DELAY:
+            # to both sides: the effect of a delay has kinks, where a command passes from one time step to the next
+            earlier = values.changed([entry], [values.delay - size])
+            before, size = residuals(plant, motions, earlier), moved.delay - earlier.delay
+        columns.append((residuals(plant, motions, moved) - before) / size)
     return np.stack(columns, axis=-1)
 
 

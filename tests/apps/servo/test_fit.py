@@ -30,7 +30,7 @@ from dynident.apps.servo.plant import ServoLog
 from dynident.apps.servo.robot import load_plant
 from dynident.apps.servo.run import choose_fit
 from dynident.apps.servo.start import smooth_servo_log, start_values
-from dynident.apps.servo.values import Entry, Quantity
+from dynident.apps.servo.values import Entry, Quantity, ServoValues
 from dynident.project.drive_settings import ServoSettings
 from dynident.runtime import InputError, ModelError
 from tests.apps.servo.arms import ENTRIES, SETTINGS, plant, recording, values
@@ -112,6 +112,21 @@ def test_a_wrong_kp_and_a_command_whose_zero_is_another_are_found_and_fitted() -
     assert set(suspects) == {Entry(Quantity.KP, 1), Entry(Quantity.COMMAND_OFFSET, 2)}
     assert fit.values.kp[1] == pytest.approx(KP, rel=0.005)
     assert fit.values.command_offset[2] == pytest.approx(0.02, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("given", "kind"),
+    [(values(kp=KP / 1.5), Quantity.KP), (replace(values(), mass=np.array([1.0, 1.0, 0.6])), Quantity.MASS)],
+    ids=["the unit of all kp", "the mass of one body"],
+)
+def test_all_gains_are_told_from_the_mass_of_a_body(given: ServoValues, kind: Quantity) -> None:
+    heavy = plant(servo_mjcf(FILE_VALUES).replace('mass="0.1', 'mass="0.5'))
+    log = recording(duration=5.0)
+    motion = smooth_servo_log(replace(log, q=np.round(heavy.rollout(values(), log)[0] / COUNT) * COUNT))
+    _, fit, suspects = choose_fit(heavy, [motion], given, settings_of(delay=TRUE_DELAY, commands="held"))
+    assert {entry.quantity for entry in suspects} == {kind}
+    assert fit.values.kp[1:] == pytest.approx(KP, rel=0.02)
+    assert fit.values.mass == pytest.approx(1.0, rel=0.02)
 
 
 def test_commands_are_held_or_interpolated_as_the_log_says() -> None:

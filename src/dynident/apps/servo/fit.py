@@ -233,23 +233,30 @@ def correlated_sum(scores: Array, step: float) -> Array:
 
 
 def suspect_entries(plant: ServoPlant, motions: Sequence[SmoothLog], fit: ServoFit) -> dict[Entry, float]:
-    """Return given entries that the log contradicts, the one that explains most first, with their proposed values.
+    """Return given entries that the log contradicts, those that explain most first, with their proposed values.
 
-    They are chosen one after the other from the linearised problem, each beside those before it.
+    They are chosen one after the other from the linearised problem, each beside those before it; all gains together
+    are a choice, too: of gains and masses only the ratio shows, and one wrong unit is likelier than several masses.
     """
     joints = range(len(plant.joints))
-    candidates = [Entry(quantity, k) for quantity in MIN_CHANGES for k in joints]
-    candidates = [entry for entry in candidates if entry not in fit.entries and _matters(plant, fit, entry)]
-    slopes = sensitivity(plant, motions, fit.values, candidates, fit.residuals)
+    entries = [Entry(quantity, k) for quantity in MIN_CHANGES for k in joints]
+    entries = [entry for entry in entries if entry not in fit.entries and _matters(plant, fit, entry)]
+    slopes = sensitivity(plant, motions, fit.values, entries, fit.residuals)
     step = float(np.median(np.diff(motions[0].log.t)))
+    gains = [k for k, entry in enumerate(entries) if entry.quantity is Quantity.KP]
+    groups = [*([k] for k in range(len(entries))), *([gains] if len(gains) > 1 else [])]
+    columns = np.stack([slopes[..., group].sum(axis=-1) for group in groups], axis=-1)
 
-    def accepts(k: int, change: float) -> bool:
-        return abs(change) > MIN_CHANGES[candidates[k].quantity]
+    def accepts(group: int, change: float) -> bool:
+        return abs(change) > MIN_CHANGES[entries[groups[group][0]].quantity]
 
-    chosen, shifts, _ = choose_columns(fit, slopes, step, MIN_SUSPECT_GAIN, MIN_SUSPECT_SCORE, accepts)
-    entries = [candidates[k] for k in chosen]
-    moved = fit.values.moved(entries, np.clip(shifts, -0.7, 0.7))
-    return {entry: moved.entry(entry) for entry in entries}
+    chosen, shifts, _ = choose_columns(fit, columns, step, MIN_SUSPECT_GAIN, MIN_SUSPECT_SCORE, accepts)
+    changes = dict[Entry, float]()
+    for group, shift in zip(chosen, shifts, strict=True):
+        for k in groups[group]:
+            changes[entries[k]] = changes.get(entries[k], 0.0) + shift
+    moved = fit.values.moved(list(changes), np.clip(list(changes.values()), -0.7, 0.7))
+    return {entry: moved.entry(entry) for entry in changes}
 
 
 def choose_columns(

@@ -5,11 +5,12 @@ of the given values contradicts the log: gains, masses and offsets of encoders a
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 
-from dynident.apps.servo.plant import ServoPlant
+from dynident.apps.servo.plant import ServoPlant, ignore_divergence
 from dynident.apps.servo.start import SmoothLog, StateWindows
 from dynident.apps.servo.values import Entry, Quantity, ServoValues
 from dynident.runtime import ModelError, Noun, report_progress
@@ -117,16 +118,20 @@ def sensitivity(
     plant: ServoPlant, motions: Sequence[SmoothLog], values: ServoValues, entries: Sequence[Entry], base: Array
 ) -> Array:
     """Return the derivatives (N', n, p) of the residuals ``base`` at the values, by differences."""
-    columns = []
-    for k, entry in enumerate(entries):
+
+    def column(k: int) -> Array:
+        entry = entries[k]
         size = STEPS.get(entry.quantity) or max(RELATIVE_STEP, MIN_STEP / values.entry(entry))
         moved, before = values.moved(entries, size * np.eye(len(entries))[k]), base
         if entry.quantity is Quantity.DELAY:
             # to both sides: the effect of a delay has kinks, where a command passes from one time step to the next
             earlier = values.changed([entry], [values.delay - size])
             before, size = residuals(plant, motions, earlier), moved.delay - earlier.delay
-        columns.append((residuals(plant, motions, moved) - before) / size)
-    return np.stack(columns, axis=-1)
+        return (residuals(plant, motions, moved) - before) / size
+
+    # MuJoCo releases Python's lock while it simulates, and each rollout has a model of its own
+    with ignore_divergence(), ThreadPoolExecutor() as pool:
+        return np.stack(list(pool.map(column, range(len(entries)))), axis=-1)
 
 
 def fit_values(

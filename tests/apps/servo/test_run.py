@@ -56,7 +56,7 @@ def test_the_demo_drafts_identifies_and_compares_with_the_truth(demo_output, fol
 
 def test_commands_of_torques_say_what_they_need(folder) -> None:
     refuse("bound", "servos.yaml", says="have no torque, which this needs")
-    refuse("watch", "servos/servo.json", "x.csv", says="`dynident predict` alone reads this file")
+    refuse("watch", "servos/servo.json", "x.csv", says="which only `dynident predict` and `dynident export` read")
     refuse("identify", "servos.yaml", "--write-config", "x.yaml", says="leave it out")
 
 

@@ -58,7 +58,7 @@ class ServoRollout(Noun):
 def position_noise(q: Array) -> Array:
     """Return the noise (n) of positions (N, n): what is white, and at least that of the counts of an encoder."""
     counts = np.nan_to_num([grid_step(column) for column in q.T])
-    return np.maximum(steady_noise(q, MIN_NOISE), counts / np.sqrt(12))
+    return np.asarray(np.maximum(steady_noise(q, MIN_NOISE), counts / np.sqrt(12)))
 
 
 def roll_out(

@@ -16,8 +16,8 @@ from dynident.runtime import Noun
 from dynident.runtime.arrays import Array
 
 MAX_GOOD_ERROR, MAX_FAIR_ERROR = 0.02, 0.1  # of the spread of a joint's motion
-MIN_NOISE = 1e-9  # of the largest position: its rounding
 NOISE_FACTOR = 2.0  # times the noise of the positions: a smaller error is not seen
+MIN_NOISE = 1e-9  # of the largest position: its rounding
 
 
 class ServoUse(StrEnum):

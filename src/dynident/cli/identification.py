@@ -265,7 +265,10 @@ def _check_format(ctx: click.Context, option: click.Parameter, kind: str) -> str
 @click.option("--out", type=FILE, required=True, help="File to write.")
 @ALLOW_CODE
 def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
-    """Write the model in RESULT (the result.json of identify), after a check of its torque at random states."""
+    """Write the model in RESULT (the result.json of identify), after a check of its torque at random states.
+
+    For servos, RESULT is servo.json.
+    """
     from dataclasses import replace
 
     import numpy as np
@@ -275,7 +278,7 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     from dynident.project import export as exports
     from dynident.project.export import identified_model, random_states
     from dynident.project.export.proof import relocate_exports
-    from dynident.project.saved import load
+    from dynident.project.saved import is_servo_result, load
     from dynident.report.identification.robot import export_notes
     from dynident.report.words import tiny
     from dynident.runtime import ModelError
@@ -283,22 +286,29 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     remember_inputs(result)
     refuse_inputs(out)
     probe_folder(out.parent)
-    identification, exporter = load(result, allow_code=allow_code), EXPORTERS.get(kind)()
+    screen, remarks = console(), list[str]()
+    if is_servo_result(result):
+        from dynident.apps.servo import load_servo_result
+
+        servos = load_servo_result(result, allow_code=allow_code)
+        identified, sources = servos.identified, servos.project.sources
+        remarks += [*servos.warnings, *(f"Not in the file: {words}" for words in servos.left_out)]
+    else:
+        identification = load(result, allow_code=allow_code)
+        identified, sources = identified_model(identification), identification.provenance
     refuse_inputs(out)
-    states = random_states(len(identification.model.joints), np.random.default_rng(0))
-    identified = identified_model(identification)
-    written = exports.export(identified, exporter, states)
-    (model_export,) = relocate_exports(out.parent, [written], identification.provenance)
+    states = random_states(len(identified.model.joints), np.random.default_rng(0))
+    written = exports.export(identified, EXPORTERS.get(kind)(), states)
+    (model_export,) = relocate_exports(out.parent, [written], sources)
     if not model_export.ready or model_export.written is None or model_export.proof is None:
         raise ModelError(f"{out}: not written: {model_export.refusal}")
-    screen = console()
     left_out = model_export.written.left_out
     shown = left_out if command_log().verbose else left_out[:MAX_LEFT_OUT]
     more = len(left_out) - len(shown)
     notes = export_notes([replace(model_export, file=out.name)], "listed here")
     notes += [f"Not in the file: {words}" for words in shown]
     notes += [f"Not in the file: {more} more; -v lists them."] * bool(more)
-    for note in (*notes, *(f"{words}." for words in model_export.proof.skipped)):
+    for note in (*remarks, *notes, *(f"{words}." for words in model_export.proof.skipped)):
         screen.remark(note)
     difference = tiny(model_export.proof.agreement)
     screen.remark(f"Reloaded: the largest difference of a joint's torque, relative to its norm, is {difference}.")

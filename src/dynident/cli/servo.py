@@ -44,7 +44,7 @@ def identify_servos(project: Project, folder: ResultFolder | None) -> tuple[Serv
 
 def print_servos(written: tuple[ServoIdentification, tuple[Path, ...]], config: Path, out: Path | None) -> None:
     """Print verdict, values and files of an arm of position servos."""
-    from dynident.apps.servo import parameter_table, rollout_table, suspect_lines, verdict_words
+    from dynident.apps.servo import NUMBERS, parameter_table, rollout_table, suspect_lines, verdict_words
 
     result, paths = written
     screen = console()
@@ -56,6 +56,9 @@ def print_servos(written: tuple[ServoIdentification, tuple[Path, ...]], config: 
     if out is None:
         hint = command("identify", config, "--out", f"{config.stem}-out")
         screen.remark(f"To keep this, as a model of MuJoCo with a report: {hint}", no_wrap=True)
+    else:
+        hint = command("export", out / NUMBERS, "--format", "isaac", "--out", out / f"{result.name}_isaac.py")
+        screen.remark(f"For other simulators: {hint}", no_wrap=True)
     screen.say(verdict_words(result), f"bold {STYLES.get(str(result.use), 'yellow')}")
 
 

@@ -152,7 +152,7 @@ def read_result(kind: type[Tables], data: dict[str, Any], source: str, **context
     """
     if data.get("format") == SERVO_FORMAT:
         raise InputError(
-            f"{source}: is of servos, whose model is robot.xml beside it; `dynident predict` alone reads this file."
+            f"{source}: is of servos, which only `dynident predict` and `dynident export` read; the model is robot.xml."
         )
     if data.get("format") != FORMAT:
         raise InputError(f"{source}: is no result of `dynident identify`: it needs `format`: {FORMAT!r}.")

@@ -24,13 +24,13 @@ from dynident.apps.demo.servo_arm import (
     servo_recording,
 )
 from dynident.apps.servo.backlash import Backlash, find_backlash
-from dynident.apps.servo.fit import fit_values, suspect_entries
+from dynident.apps.servo.fit import fit_values, residuals, sensitivity, suspect_entries
 from dynident.apps.servo.judge import ServoUse, position_noise, roll_out
 from dynident.apps.servo.plant import ServoLog
 from dynident.apps.servo.robot import load_plant
 from dynident.apps.servo.run import choose_fit
 from dynident.apps.servo.start import smooth_servo_log, start_values
-from dynident.apps.servo.values import Entry, Quantity
+from dynident.apps.servo.values import Entry, Quantity, ServoValues
 from dynident.project.drive_settings import ServoSettings
 from dynident.runtime import InputError, ModelError
 from tests.apps.servo.arms import ENTRIES, SETTINGS, plant, recording, values
@@ -60,6 +60,23 @@ def test_values_and_delay_are_found_within_their_errors(motion) -> None:
     assert rollout.use is ServoUse.GOOD
     assert (rollout.error < 1.3 * 2 * np.pi / 4096 / np.sqrt(12)).all()
     assert (rollout.nominal_error > 10 * rollout.error).all()
+
+
+def slow_recording() -> ServoLog:
+    """Commands in steps and positions at 30 Hz, which is no multiple of the time step, as low-cost arms log them."""
+    t = np.arange(180) / 30.0
+    command = np.round(0.3 * np.sin(np.outer(t, (5.0, 3.0, 4.0))) + 0.2 * (np.floor(t[:, None] / 2) % 2), 2)
+    (q,) = plant().rollout(values(), ServoLog("", t, command, t, command))
+    return ServoLog("30 Hz", t, np.round(q / COUNT) * COUNT, t, command)
+
+
+def test_the_slope_by_the_delay_is_that_to_both_sides() -> None:
+    # where commands pass from one time step to the next, slopes differ: that to one side alone stops a search
+    motion, delay, change = smooth_servo_log(slow_recording()), Entry(Quantity.DELAY, 0), 2e-4
+    base, *sides = (residuals(plant(), [motion], values(delay=TRUE_DELAY + x)) for x in (0.0, change, -change))
+    slope = sensitivity(plant(), [motion], values(), [delay], base)[..., 0]
+    misses = [np.linalg.norm(side - base - x * slope) for side, x in zip(sides, (change, -change), strict=True)]
+    assert misses[0] == pytest.approx(misses[1], rel=0.25)
 
 
 def test_an_unknown_kp_starts_from_gravity(motion) -> None:
@@ -95,6 +112,21 @@ def test_a_wrong_kp_and_a_command_whose_zero_is_another_are_found_and_fitted() -
     assert set(suspects) == {Entry(Quantity.KP, 1), Entry(Quantity.COMMAND_OFFSET, 2)}
     assert fit.values.kp[1] == pytest.approx(KP, rel=0.005)
     assert fit.values.command_offset[2] == pytest.approx(0.02, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("given", "kind"),
+    [(values(kp=KP / 1.5), Quantity.KP), (replace(values(), mass=np.array([1.0, 1.0, 0.6])), Quantity.MASS)],
+    ids=["the unit of all kp", "the mass of one body"],
+)
+def test_all_gains_are_told_from_the_mass_of_a_body(given: ServoValues, kind: Quantity) -> None:
+    heavy = plant(servo_mjcf(FILE_VALUES).replace('mass="0.1', 'mass="0.5'))
+    log = recording(duration=5.0)
+    motion = smooth_servo_log(replace(log, q=np.round(heavy.rollout(values(), log)[0] / COUNT) * COUNT))
+    _, fit, suspects = choose_fit(heavy, [motion], given, settings_of(delay=TRUE_DELAY, commands="held"))
+    assert {entry.quantity for entry in suspects} == {kind}
+    assert fit.values.kp[1:] == pytest.approx(KP, rel=0.02)
+    assert fit.values.mass == pytest.approx(1.0, rel=0.02)
 
 
 def test_commands_are_held_or_interpolated_as_the_log_says() -> None:

@@ -79,6 +79,28 @@ def test_a_locked_joint_stands_where_it_is_held() -> None:
     assert arm.model.nu == 2
 
 
+FINGERS = """
+<body name="left" pos="0 0.02 0"><joint name="left" type="slide" axis="0 1 0"/><inertial pos="0 0 0.01" mass="0.02"
+  diaginertia="1e-5 1e-5 1e-5"/></body>
+<body name="right" pos="0 -0.02 0"><joint name="right" type="slide" axis="0 -1 0"/><inertial pos="0 0 0.01" mass="0.02"
+  diaginertia="1e-5 1e-5 1e-5"/></body>"""
+GRIPPER = """
+<equality><joint joint1="left" joint2="right" polycoef="0.001 2 0 0 0"/></equality>
+<tendon><fixed name="grip"><joint joint="left" coef="0.5"/><joint joint="right" coef="0.5"/></fixed></tendon>
+<sensor><jointpos joint="left"/></sensor>
+<keyframe><key name="home" qpos="0 0 0 0.01 0.01" ctrl="0 0 0 0.01"/></keyframe>"""
+
+
+def test_a_locked_gripper_takes_along_what_follows_and_drives_it() -> None:
+    text = servo_mjcf(TRUE_VALUES).replace("</body></body></body>", f"{FINGERS}</body></body></body>")
+    text = text.replace("</actuator>", '<position tendon="grip" kp="10"/></actuator>')
+    settings = RobotSettings.model_validate({"file": "servos.xml", "lock": {"right": 0.01}})
+    arm = load_plant(settings, text.replace("</mujoco>", f"{GRIPPER}</mujoco>"), SERVO_JOINTS, "servos.xml")
+    assert (arm.model.nv, arm.model.nu, arm.model.neq) == (3, 3, 0)
+    assert arm.model.body("right").pos == pytest.approx([0.0, -0.03, 0.0])
+    assert arm.model.body("left").pos == pytest.approx([0.0, 0.02 + 0.001 + 2 * 0.01, 0.0])
+
+
 def test_a_urdf_becomes_an_mjcf_with_servos(tmp_path) -> None:
     (tmp_path / "two.urdf").write_text(URDF)
     text = mjcf_text(tmp_path / "two.urdf")

@@ -56,7 +56,7 @@ def test_the_demo_drafts_identifies_and_compares_with_the_truth(demo_output, fol
 
 def test_commands_of_torques_say_what_they_need(folder) -> None:
     refuse("bound", "servos.yaml", says="have no torque, which this needs")
-    refuse("watch", "servos/servo.json", "x.csv", says="`dynident predict` alone reads this file")
+    refuse("watch", "servos/servo.json", "x.csv", says="which only `dynident predict` and `dynident export` read")
     refuse("identify", "servos.yaml", "--write-config", "x.yaml", says="leave it out")
 
 
@@ -273,6 +273,14 @@ def test_what_is_wrong_with_a_log_is_said(config, folder) -> None:
         severity = "error" if name in ("missing", "still") else "warning"
         assert any(kind == severity and words in message for kind, message, _ in result), (name, result)
         assert code == (severity == "error")
+
+
+def test_servos_at_their_limits_are_named_by_identify(config, folder) -> None:
+    text = config.replace("limit: 3.35", "limit: 0.5").replace("commands: estimate", "commands: held")
+    text = text.partition("validation:")[0].replace("delay: estimate", f"delay: {TRUE_DELAY}")
+    (folder / "weak.yaml").write_text(text.replace("monday.csv", "monday.csv\n    window: [0, 1.5]"))
+    words = " ".join(succeed("identify", "weak.yaml", "--out", "weak").output.split())
+    assert "the servo is at its limit of 0.5" in words
 
 
 def test_a_rollout_of_another_recording_is_that_of_the_report(folder) -> None:

@@ -165,7 +165,7 @@ def draft_config(
         )
     if mapping.unknown_joints:
         names = join_names(map(repr, mapping.unknown_joints))
-        notes.append(f"recorded, but not in the robot file, so left out: {names}.")
+        notes.append(f"recorded, but no joint of the robot file, or one that follows another, so left out: {names}.")
     table = sources[0].table
     # a column of text that is named as one of numbers may be what another was taken for
     faults = {name: fault for name, fault in table.faults.items() if name not in table.texts}
@@ -298,7 +298,9 @@ def _channel_line(name: str, signal: ChannelProposal) -> str:
 def _write_unused(page: _Page, mapping: ColumnMapping, table: DataTable) -> None:
     """List the unused columns, those that differ in a number as one, and the scalars that may be gains."""
     if mapping.unknown_joints:
-        page.line(f"# of joints that the robot file does not have: {join_names(map(repr, mapping.unknown_joints))}")
+        page.line(
+            f"# of no joint of the robot file, or one that follows: {join_names(map(repr, mapping.unknown_joints))}"
+        )
     kinds = dict.fromkeys(re.sub(r"\d+", "#", name) for name in mapping.unused)
     if kinds:
         page.line(f"# not used: {join_names(map(repr, list(kinds)))}")

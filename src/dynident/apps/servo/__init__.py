@@ -14,3 +14,4 @@ from dynident.apps.servo.report import (
     verdict_words,
 )
 from dynident.apps.servo.run import ServoIdentification, identify_servo, read_servo_logs
+from dynident.apps.servo.saved import load_servo_result

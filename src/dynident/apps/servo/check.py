@@ -6,19 +6,17 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from dynident.apps.servo.commands import command_findings
-from dynident.apps.servo.plant import ServoLog, ServoPlant
+from dynident.apps.servo.commands import command_findings, limit_findings
+from dynident.apps.servo.plant import ServoLog
 from dynident.apps.servo.run import load_servos, read_servo_logs
-from dynident.apps.servo.start import MAX_DELAY, SmoothLog, late_commands, smooth_servo_log, start_values
+from dynident.apps.servo.start import MAX_DELAY, SmoothLog, smooth_servo_log, start_values
 from dynident.apps.servo.values import ServoValues
 from dynident.checks import CheckResult, timing
 from dynident.motion.log import Log
 from dynident.project.drive_settings import ServoSettings
 from dynident.project.project import Project
-from dynident.runtime import DynidentError, Finding, Remark, Severity, number, percent
+from dynident.runtime import DynidentError, Finding, Remark, Severity, number
 
-MAX_LIMIT_SHARE = 0.1  # of samples in which a servo gives all that it can
-LIMIT_SLACK = 0.98  # of a limit
 MIN_RATE = 25.0  # Hz
 
 
@@ -37,7 +35,11 @@ def examine_servos(project: Project) -> CheckResult:
         settings = project.config.simulation
         is_free = isinstance(settings, ServoSettings) and settings.delay == "estimate"
         values = start_values(arm.plant, train, arm.nominal, free_delay=is_free)
-        findings += [*_rate_findings(motions), *_limit_findings(arm.plant, motions, values), _delay_finding(values)]
+        findings += [
+            *_rate_findings(motions),
+            *limit_findings(arm.plant.joints, motions, values),
+            _delay_finding(values),
+        ]
         if not logs["validation"]:
             words = "no recording is held out, so that the model will not be judged; name one under `validation`"
             findings.append(Finding(Remark(words)))
@@ -55,20 +57,6 @@ def _rate_findings(motions: Sequence[SmoothLog]) -> Iterator[Finding]:
         if rate < MIN_RATE:
             words = f"{number(rate, 2)} Hz shows little of armature and delay; record at {MIN_RATE:g} Hz or faster"
             yield Finding(Remark(words), source=motion.log.name)
-
-
-def _limit_findings(plant: ServoPlant, motions: Sequence[SmoothLog], values: ServoValues) -> Iterator[Finding]:
-    """Yield the servos that are at their limit, where their torque tells nothing of the position."""
-    for motion in motions:
-        torques = values.drive_torques(late_commands(motion, values.delay), motion.raw, motion.dq)
-        shares = (np.abs(torques) >= LIMIT_SLACK * values.limit).mean(axis=0)
-        for joint, share, limit in zip(plant.joints, shares, values.limit, strict=True):
-            if share > MAX_LIMIT_SHARE:
-                words = (
-                    f"the servo is at its limit of {number(limit)} in {percent(100 * share)} of the samples. "
-                    "Check `limit`; if it is right, move less, or slower"
-                )
-                yield Finding(Remark(words), joint=joint, source=motion.log.name)
 
 
 def _delay_finding(values: ServoValues) -> Finding:

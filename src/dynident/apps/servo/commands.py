@@ -1,4 +1,6 @@
-"""Whether positions follow their commands: columns of other joints, other units and signs, and clocks out of step."""
+"""Whether positions follow their commands: columns of other joints, other units and signs, clocks out of step, and
+servos at their limits.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.apps.servo.start import SmoothLog, late_commands
-from dynident.runtime import Finding, Remark, number
+from dynident.apps.servo.values import ServoValues
+from dynident.runtime import Finding, Remark, number, percent
 from dynident.runtime.arrays import Array
 
 LAGS = np.arange(-0.2, 0.4, 0.01)  # s, of positions behind commands, that are tried
@@ -18,6 +21,8 @@ MIN_OTHER_CORRELATION = 0.9  # with that of another joint, to name it
 MAX_RATIO = 5.0  # of the spreads of commands and positions
 MIN_SPREAD = 0.01  # rad or m, of positions and, as a share of these, of commands: what stands still follows nothing
 MAX_LEAD = 0.015  # s, of positions before commands
+MAX_LIMIT_SHARE = 0.1  # of samples in which a servo gives all that it can
+LIMIT_SLACK = 0.98  # of a limit
 MAX_LAG_DIFFERENCE = 0.06  # s, of recordings: friction and inertia make some
 
 
@@ -53,6 +58,20 @@ def command_findings(
                 f"ms in {motions[0].log.name!r}; are both stamped by one clock?"
             )
             yield Finding(Remark(words), source=motion.log.name)
+
+
+def limit_findings(joints: Sequence[str], motions: Sequence[SmoothLog], values: ServoValues) -> Iterator[Finding]:
+    """Yield the servos that are at their limit, where their torque tells nothing of the position."""
+    for motion in motions:
+        torques = values.drive_torques(late_commands(motion, values.delay), motion.raw, motion.dq)
+        shares = (np.abs(torques) >= LIMIT_SLACK * values.limit).mean(axis=0)
+        for joint, share, limit in zip(joints, shares, values.limit, strict=True):
+            if share > MAX_LIMIT_SHARE:
+                words = (
+                    f"the servo is at its limit of {number(limit)} in {percent(100 * share)} of the samples. "
+                    "Check `limit` and `kd` (it is not like damping there); if they are right, move less, or slower"
+                )
+                yield Finding(Remark(words), joint=joint, source=motion.log.name)
 
 
 def _fault(motion: SmoothLog, k: int, correlation: float, others: Array, joints: Sequence[str]) -> str:

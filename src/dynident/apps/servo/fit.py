@@ -5,11 +5,12 @@ of the given values contradicts the log: gains, masses and offsets of encoders a
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 
-from dynident.apps.servo.plant import ServoPlant
+from dynident.apps.servo.plant import ServoPlant, ignore_divergence
 from dynident.apps.servo.start import SmoothLog, StateWindows
 from dynident.apps.servo.values import Entry, Quantity, ServoValues
 from dynident.runtime import ModelError, Noun, report_progress
@@ -23,7 +24,7 @@ TOLERANCE = 0.1  # standard errors, below which a step ends the search
 MIN_DECREASE = 0.05  # of the squared error in a step, below which the sensitivities are not computed again
 MAX_CHORD_STEP = 0.02  # of a coordinate, beyond which they are in any case
 MAX_REMAINING = 0.3  # standard errors, by which the values of a search that has converged are off at most
-STEPS = {Quantity.DELAY: 5e-4, Quantity.OFFSET: 1e-3, Quantity.COMMAND_OFFSET: 1e-3}  # s and rad, of differences
+STEPS = {Quantity.DELAY: 1e-4, Quantity.OFFSET: 1e-3, Quantity.COMMAND_OFFSET: 1e-3}  # s and rad, of differences
 RELATIVE_STEP = 1e-3  # of differences: small, as a factor that all values of a joint share hardly acts
 MAX_REFUSALS = 8  # of a step, each with more damping
 MIN_STEP = 1e-6  # SI: of differences of what is nearly zero
@@ -117,12 +118,20 @@ def sensitivity(
     plant: ServoPlant, motions: Sequence[SmoothLog], values: ServoValues, entries: Sequence[Entry], base: Array
 ) -> Array:
     """Return the derivatives (N', n, p) of the residuals ``base`` at the values, by differences."""
-    columns = []
-    for k, entry in enumerate(entries):
+
+    def column(k: int) -> Array:
+        entry = entries[k]
         size = STEPS.get(entry.quantity) or max(RELATIVE_STEP, MIN_STEP / values.entry(entry))
-        moved = values.moved(entries, size * np.eye(len(entries))[k])
-        columns.append((residuals(plant, motions, moved) - base) / size)
-    return np.stack(columns, axis=-1)
+        moved, before = values.moved(entries, size * np.eye(len(entries))[k]), base
+        if entry.quantity is Quantity.DELAY:
+            # to both sides: the effect of a delay has kinks, where a command passes from one time step to the next
+            earlier = values.changed([entry], [values.delay - size])
+            before, size = residuals(plant, motions, earlier), moved.delay - earlier.delay
+        return (residuals(plant, motions, moved) - before) / size
+
+    # MuJoCo releases Python's lock while it simulates, and each rollout has a model of its own
+    with ignore_divergence(), ThreadPoolExecutor() as pool:
+        return np.stack(list(pool.map(column, range(len(entries)))), axis=-1)
 
 
 def fit_values(
@@ -229,23 +238,30 @@ def correlated_sum(scores: Array, step: float) -> Array:
 
 
 def suspect_entries(plant: ServoPlant, motions: Sequence[SmoothLog], fit: ServoFit) -> dict[Entry, float]:
-    """Return given entries that the log contradicts, the one that explains most first, with their proposed values.
+    """Return given entries that the log contradicts, those that explain most first, with their proposed values.
 
-    They are chosen one after the other from the linearised problem, each beside those before it.
+    They are chosen one after the other from the linearised problem, each beside those before it; all gains together
+    are a choice, too: of gains and masses only the ratio shows, and one wrong unit is likelier than several masses.
     """
     joints = range(len(plant.joints))
-    candidates = [Entry(quantity, k) for quantity in MIN_CHANGES for k in joints]
-    candidates = [entry for entry in candidates if entry not in fit.entries and _matters(plant, fit, entry)]
-    slopes = sensitivity(plant, motions, fit.values, candidates, fit.residuals)
+    entries = [Entry(quantity, k) for quantity in MIN_CHANGES for k in joints]
+    entries = [entry for entry in entries if entry not in fit.entries and _matters(plant, fit, entry)]
+    slopes = sensitivity(plant, motions, fit.values, entries, fit.residuals)
     step = float(np.median(np.diff(motions[0].log.t)))
+    gains = [k for k, entry in enumerate(entries) if entry.quantity is Quantity.KP]
+    groups = [*([k] for k in range(len(entries))), *([gains] if len(gains) > 1 else [])]
+    columns = np.stack([slopes[..., group].sum(axis=-1) for group in groups], axis=-1)
 
-    def accepts(k: int, change: float) -> bool:
-        return abs(change) > MIN_CHANGES[candidates[k].quantity]
+    def accepts(group: int, change: float) -> bool:
+        return abs(change) > MIN_CHANGES[entries[groups[group][0]].quantity]
 
-    chosen, shifts, _ = choose_columns(fit, slopes, step, MIN_SUSPECT_GAIN, MIN_SUSPECT_SCORE, accepts)
-    entries = [candidates[k] for k in chosen]
-    moved = fit.values.moved(entries, np.clip(shifts, -0.7, 0.7))
-    return {entry: moved.entry(entry) for entry in entries}
+    chosen, shifts, _ = choose_columns(fit, columns, step, MIN_SUSPECT_GAIN, MIN_SUSPECT_SCORE, accepts)
+    changes = dict[Entry, float]()
+    for group, shift in zip(chosen, shifts, strict=True):
+        for k in groups[group]:
+            changes[entries[k]] = changes.get(entries[k], 0.0) + shift
+    moved = fit.values.moved(list(changes), np.clip(list(changes.values()), -0.7, 0.7))
+    return {entry: moved.entry(entry) for entry in changes}
 
 
 def choose_columns(

@@ -11,11 +11,13 @@ from dynident.apps.servo.fit import SETTLING, WINDOW, split_into_windows, window
 from dynident.apps.servo.plant import ServoLog, ServoPlant
 from dynident.apps.servo.start import SmoothLog
 from dynident.apps.servo.values import ServoValues
+from dynident.motion.splines import grid_step, steady_noise
 from dynident.runtime import Noun
 from dynident.runtime.arrays import Array
 
 MAX_GOOD_ERROR, MAX_FAIR_ERROR = 0.02, 0.1  # of the spread of a joint's motion
 NOISE_FACTOR = 2.0  # times the noise of the positions: a smaller error is not seen
+MIN_NOISE = 1e-9  # of the largest position: its rounding
 
 
 class ServoUse(StrEnum):
@@ -54,16 +56,9 @@ class ServoRollout(Noun):
 
 
 def position_noise(q: Array) -> Array:
-    """Return the noise (n) of positions (N, n): of third differences, and of the counts of an encoder."""
-    third = np.diff(q, 3, axis=0)
-    noise = 1.4826 * np.median(np.abs(third), axis=0) / np.sqrt(20.0)
-    steps = np.abs(np.diff(q, axis=0))
-    counts = [float(column[column > 1e-9].min(initial=np.inf)) for column in steps.T]
-    # a count is a smallest step of which all steps are multiples
-    pairs = zip(counts, steps.T, strict=True)
-    on_grid = [np.isfinite(c) and bool((np.abs(s / c - np.round(s / c)) < 0.02).all()) for c, s in pairs]
-    quantised = np.where(on_grid, np.array(counts), 0.0) / np.sqrt(12)
-    return np.asarray(np.maximum(noise, quantised))
+    """Return the noise (n) of positions (N, n): what is white, and at least that of the counts of an encoder."""
+    counts = np.nan_to_num([grid_step(column) for column in q.T])
+    return np.asarray(np.maximum(steady_noise(q, MIN_NOISE), counts / np.sqrt(12)))
 
 
 def roll_out(

@@ -71,7 +71,16 @@ def _spec(settings: RobotSettings, text: str, source: str) -> Any:
         spec.delete(geom)
     for geom in spec.geoms:
         geom.material = ""
-    for element in (*spec.skins, *spec.meshes, *spec.hfields, *spec.materials, *spec.textures):
+    # keyframes and sensors name joints that may be locked, and the motion needs neither
+    for element in (
+        *spec.skins,
+        *spec.meshes,
+        *spec.hfields,
+        *spec.materials,
+        *spec.textures,
+        *spec.keys,
+        *spec.sensors,
+    ):
         spec.delete(element)
     if settings.gravity != EARTH_GRAVITY:
         spec.option.gravity = settings.gravity
@@ -81,15 +90,29 @@ def _spec(settings: RobotSettings, text: str, source: str) -> Any:
 
 
 def _lock_joints(spec: Any, lock: Any, source: str) -> None:
-    """Remove joints, and place their bodies where these hold them; ModelError where something else needs a joint."""
+    """Remove joints and what acts on them alone, and place their bodies where these hold them.
+
+    ModelError where something else needs a joint.
+    """
     mujoco = import_mujoco()
     try:
         model = spec.copy().compile()
-        data = mujoco.MjData(model)
-        for name, position in lock.items():
+        data, positions = mujoco.MjData(model), dict(lock)
+        # what follows a locked joint stands still, too
+        for equality in [equality for equality in spec.equalities if equality.type == mujoco.mjtEq.mjEQ_JOINT]:
+            if equality.name2 in positions:
+                change = positions[equality.name2] - model.joint(equality.name2).qpos0[0]
+                follower = model.joint(equality.name1)
+                positions[equality.name1] = follower.qpos0[0] + np.polyval(equality.data[4::-1], change)
+                spec.delete(equality)
+        for name, position in positions.items():
             data.joint(name).qpos[:] = position
         mujoco.mj_kinematics(model, data)
-        for joint in [joint for joint in spec.joints if joint.name in lock]:
+        tendons = [tendon for tendon in spec.tendons if _tendon_joints(tendon) <= positions.keys()]
+        removed = {*positions, *(tendon.name for tendon in tendons)}
+        for element in (*tendons, *(actuator for actuator in spec.actuators if actuator.target in removed)):
+            spec.delete(element)
+        for joint in [joint for joint in spec.joints if joint.name in positions]:
             body = model.body(joint.parent.name or int(model.joint(joint.name).bodyid[0]))
             parent = int(body.parentid[0])
             turn = data.xmat[parent].reshape(3, 3).T
@@ -98,12 +121,15 @@ def _lock_joints(spec: Any, lock: Any, source: str) -> None:
             place = joint.parent
             place.pos, place.quat = turn @ (data.xpos[body.id] - data.xpos[parent]), quaternion
             place.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-            for actuator in [item for item in spec.actuators if item.target == joint.name]:
-                spec.delete(actuator)
             spec.delete(joint)
         spec.copy().compile()
     except (ValueError, KeyError) as error:
         raise ModelError(f"{source}: the locked joints cannot be held still in MuJoCo's model: {error}") from error
+
+
+def _tendon_joints(tendon: Any) -> set[str]:
+    """Return the names of what a tendon acts on: joints, or the sites and shapes on its path."""
+    return {wrap.target.name for wrap in tendon.path if wrap.target is not None}
 
 
 def write_mjcf(text: str, plant: ServoPlant, values: ServoValues) -> str:

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from dynident.apps.servo.backlash import Backlash, find_backlash
-from dynident.apps.servo.commands import command_findings
+from dynident.apps.servo.commands import command_findings, limit_findings
 from dynident.apps.servo.fit import ServoFit, fit_values, split_into_windows, suspect_entries
 from dynident.apps.servo.judge import ServoRollout, ServoUse, position_noise, roll_out, verdict_of
 from dynident.apps.servo.plant import ServoLog, ServoPlant, import_mujoco
@@ -128,7 +128,8 @@ def identify_servo(project: Project) -> ServoIdentification:
         if fit.converged:
             raise ModelError(words)
         warnings.append(words)  # without damping, say, the digits of the values grow to that
-    warnings += [*_backlash_warnings(gaps, joints), *_fit_warnings(fit, plant)]
+    at_limits = limit_findings(plant.joints, [x for role in motions.values() for x in role], fit.values)
+    warnings += [*map(str, at_limits), *_backlash_warnings(gaps, joints), *_fit_warnings(fit, plant)]
     files = [file for file in (project.sources.configuration, project.sources.model, *log_files(config)) if file]
     hashes = {file.path: file.sha256 for file in files}
     return ServoIdentification(

@@ -46,7 +46,8 @@ class Servo:
 class IdentifiedModel(Noun):
     """A model and the values (p) of its parameters; ``std`` (p) and ``verdict`` (p) where they are known.
 
-    ``servos`` say how joints are driven, by their names, where that is known.
+    ``servos`` say how joints are driven, by their names, where that is known. ``keeps_bodies``: inertias are those of
+    the robot file, to which no rotor inertia is added.
     """
 
     model: Model
@@ -54,6 +55,7 @@ class IdentifiedModel(Noun):
     std: Array | None = None
     verdict: tuple[str, ...] = ()
     servos: Mapping[str, Servo] = field(default_factory=dict)
+    keeps_bodies: bool = False
 
     @property
     def parts(self) -> Iterator[tuple[Term, Array]]:

@@ -121,8 +121,13 @@ def place_values(identified: IdentifiedModel, *, armature: bool) -> IdentifiedMo
     """
     is_holdable = holdable_mask(identified, armature=armature)
     _, values = identified.bodies
-    # nothing to move, or bodies that constraints could not keep consistent
-    if is_holdable.all() or not identified.value[~is_holdable].any() or min(map(smallest_eigenvalue, values)) <= 0:
+    # nothing to move or to be moved, or bodies that constraints could not keep consistent
+    if (
+        identified.keeps_bodies
+        or is_holdable.all()
+        or not identified.value[~is_holdable].any()
+        or min(map(smallest_eigenvalue, values)) <= 0
+    ):
         return identified
     base = structural_base_parameters(identified.model)
     if not base.null_directions[~is_holdable].any():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import cached_property
 from typing import ClassVar, Protocol, runtime_checkable
 
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynident.models.rigid_bodies import RigidBodies
 from dynident.models.robot_files import LinkShapes, Shape, ShapeKind, motion_matrix
-from dynident.runtime import Noun
+from dynident.runtime import Noun, WordedEnum
 from dynident.runtime.arrays import Array
 
 
@@ -98,12 +97,15 @@ class EmptySpace:
 Integers = NDArray[np.intp]
 
 
-class ShapeSource(StrEnum):
+class ShapeSource(WordedEnum):
     """Source of the shape of a body: its shapes for collision, those that are seen, or only its joints."""
 
-    COLLISION = "collision"
-    VISUAL = "visual"
-    JOINTS = "joints"
+    COLLISION = "collision", "their collision shapes"
+    VISUAL = "visual", "what is seen of them, as the file has no collision shapes of them"
+    JOINTS = (
+        "joints",
+        "the lines between their joints, as their shapes are not known: look whether they are as thick",
+    )
 
 
 class Mesh(Noun):

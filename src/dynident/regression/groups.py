@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from dynident.models.friction import Counterbalance, Drift, JointTerm, Offset, R
 from dynident.motion.filters import cross_correlation
 from dynident.motion.log import Log, Motion
 from dynident.regression.base_parameters import BaseParameters
-from dynident.runtime import Noun
+from dynident.runtime import Noun, WordedEnum
 from dynident.runtime.arrays import Array
 
 Index = NDArray[np.intp]
@@ -217,18 +216,18 @@ NO_FRICTION_TERMS = (RotorInertia, Spring, Counterbalance, Drift)  # terms of jo
 MIN_INDEPENDENT_NORM = 1e-6  # of a direction of unit length: what is left of it beside those before
 
 
-class GroupKind(StrEnum):
-    """What of a robot can change on its own.
+class GroupKind(WordedEnum):
+    """What of a robot can change on its own; its words have a place for the joint.
 
     Friction of a joint, what the last body carries, the offset of a sensor, a ripple of a gear, or the residual
     of a joint: torque that the model leaves, whatever its cause.
     """
 
-    FRICTION = "friction"
-    PAYLOAD = "payload"
-    OFFSET = "offset"
-    RIPPLE = "ripple"
-    RESIDUAL = "residual"
+    FRICTION = "friction", "friction of {}"
+    PAYLOAD = "payload", "payload at {}"
+    OFFSET = "offset", "offset of {}"
+    RIPPLE = "ripple", "ripple of {}"
+    RESIDUAL = "residual", "torque that the model leaves at {}"
 
 
 class ParameterGroup(Noun):

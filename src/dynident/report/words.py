@@ -11,7 +11,6 @@ from dynident.identification import Identification
 from dynident.identification.links import DeterminedBy
 from dynident.models import Joint
 from dynident.motion.smoothers import strip_time_offset
-from dynident.regression import GroupKind
 from dynident.report.figures import AMBER, BLUE, GREEN, VIOLET, points_per_curve
 from dynident.report.page import Figure, Gallery
 from dynident.runtime import Note, Severity, angles, join_names, number, part_text, short
@@ -20,13 +19,6 @@ from dynident.validation import LogValidation
 ROLES = {"train": "training", "validation": "held out"}
 ROUNDING = 1e-12
 CURVES_PER_JOINT = 11  # of a log and joint: torques, motion, free simulation
-KINDS = {
-    GroupKind.FRICTION: "friction of {}",
-    GroupKind.PAYLOAD: "payload at {}",
-    GroupKind.OFFSET: "offset of {}",
-    GroupKind.RIPPLE: "ripple of {}",
-    GroupKind.RESIDUAL: "torque that the model leaves at {}",
-}
 
 
 class Source(NamedTuple):
@@ -89,11 +81,9 @@ def motion_known(identification: Identification) -> str:
     )
 
 
-def log_labels(identification: Identification) -> list[tuple[str, int]]:
-    """Return the logs as a reader chooses among them: label and index in ``validations``; held-out ones come first."""
-    logs = identification.validations
-    order = sorted(range(len(logs)), key=lambda k: logs[k].role == "train")
-    return [(label_of(logs[k]), k) for k in order]
+def labelled_logs(identification: Identification) -> list[tuple[str, LogValidation]]:
+    """Return the logs as a reader chooses among them, each with its label; held-out ones come first."""
+    return [(label_of(log), log) for log in sorted(identification.validations, key=lambda log: log.role == "train")]
 
 
 def label_of(log: LogValidation) -> str:
@@ -122,9 +112,9 @@ def figure_gallery(
     """Return a gallery of what ``draw`` makes of each log and joint, each tied to its run; none where it makes none."""
     views = [
         ((label, joint.name), (replace(figure, figure=figure.figure.follow_run(label)),))
-        for label, k in log_labels(identification)
+        for label, log in labelled_logs(identification)
         for joint in identification.model.joints
-        if (figure := draw(identification.validations[k], joint)) is not None
+        if (figure := draw(log, joint)) is not None
     ]
     return (Gallery(("log", "joint"), tuple(views)),) if views else ()
 
@@ -132,11 +122,6 @@ def figure_gallery(
 def points(identification: Identification) -> int:
     """Return the number of points of each curve such that the page stays small."""
     return points_per_curve(CURVES_PER_JOINT * len(identification.validations) * len(identification.model.joints))
-
-
-def kind_words(kind: GroupKind, joint: str) -> str:
-    """Return what can change in words, such as "friction of elbow"."""
-    return KINDS[kind].format(joint)
 
 
 def signed_text(value: float) -> str:

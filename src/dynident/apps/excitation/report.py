@@ -45,11 +45,6 @@ MAX_DISTANCE_SAMPLES = 6000  # samples of them
 MAX_PAIRS = 12  # in the table
 FLOOR_MARGIN = 0.15  # m of a floor around the path
 OPEN_CYLINDER_HEIGHT = 3.0  # m: a cylinder without end is drawn so far
-_SHAPE_WORDS = {
-    ShapeSource.COLLISION: "their collision shapes",
-    ShapeSource.VISUAL: "what is seen of them, as the file has no collision shapes of them",
-    ShapeSource.JOINTS: "the lines between their joints, as their shapes are not known: look whether they are as thick",
-}
 _VIEW_NOTE = (
     "The motion, with the path of the last body, in the frame of the root link (m). Play moves the arm as fast as it "
     "will move. Distances are between the capsules around the bodies."
@@ -168,7 +163,7 @@ def _shape_sentences(geometry: Geometry) -> Iterator[str]:
     """Yield what the capsules of the links are made from, and which meshes are missing."""
     for kind in ShapeSource:
         if links := [geometry.link(body) for body, body_kind in geometry.sources.items() if body_kind is kind]:
-            yield f"Distances of {', '.join(links)}: by capsules around {_SHAPE_WORDS[kind]}."
+            yield f"Distances of {', '.join(links)}: by capsules around {kind.words}."
     yield from missing_mesh_notes(geometry)
 
 

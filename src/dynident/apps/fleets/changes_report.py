@@ -17,7 +17,7 @@ from dynident.motion.splines import NORMAL_95
 from dynident.regression import GroupKind, ParameterGroup
 from dynident.report import Array
 from dynident.report.page import UNIT, Column, Figure, Fold, Head, PageBlock, PageSection, PageTable
-from dynident.report.words import kind_words, signed_text
+from dynident.report.words import signed_text
 from dynident.runtime import count, join_names, number
 
 VERBS = {
@@ -54,7 +54,7 @@ _FIGURE = (
 
 def group_words(group: ParameterGroup) -> str:
     """Return what can change in words, such as "friction of elbow"."""
-    return kind_words(group.kind, group.joint)
+    return group.kind.words.format(group.joint)
 
 
 def day_words(day: float, start: datetime | None) -> str:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from dynident.regression import GroupKind
-from dynident.report.words import kind_words, signed_text
+from dynident.report.words import signed_text
 from dynident.runtime import Severity, Statement, WordedEnum, join_names, number
 
 MIN_SURE_RATIO, MAX_LISTED = 2.0, 4  # standard errors from which on a part of a change is named, and how many are
@@ -33,7 +33,7 @@ class Event(Statement):
         values = dict(vars(self))
         values |= {name: stamp(values[name]) for name in ("since", "last") if name in values}
         if "kind" in values:
-            values["group"] = kind_words(values["kind"], values["joint"])
+            values["group"] = values["kind"].words.format(values["joint"])
         return self.sentence.format(**values)
 
 
@@ -124,7 +124,8 @@ class Changed(Event):
         """Return which group changed, when, and by how much."""
         low, high = map(stamp, self.between)
         when = f"at about {stamp(self.since)}" if low == high else f"between {low} and {high}"
-        return f"{kind_words(self.kind, self.joint)} changed {when}: {join_names(self._size_words(), MAX_LISTED)}"
+        group = self.kind.words.format(self.joint)
+        return f"{group} changed {when}: {join_names(self._size_words(), MAX_LISTED)}"
 
     def _size_words(self) -> Iterator[str]:
         """Yield the significant parts of the change, the clearest first; at least one."""

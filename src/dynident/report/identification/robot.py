@@ -33,7 +33,7 @@ from dynident.report.scene import (
     solid_ellipsoids,
     surface,
 )
-from dynident.report.words import SOURCES, Source, log_labels, tiny
+from dynident.report.words import SOURCES, Source, labelled_logs, tiny
 from dynident.runtime import count, number, percent
 
 MAX_TRIANGLES = 300  # of a link
@@ -217,8 +217,7 @@ def _recording_replays(identification: Identification) -> list[Replay]:
     # All recordings of the page share a number of poses
     max_poses = max(int(MAX_POSES / (bodies * len(identification.validations))), 2)
     out = []
-    for label, k in log_labels(identification):
-        motion = identification.validations[k].motion
+    for label, motion in ((label, log.motion) for label, log in labelled_logs(identification)):
         t = motion.t - time_origin(motion.t)
         columns = [motion.joints.index(joint.name) for joint in identification.model.joints]
         even = np.linspace(t[0], t[-1], min(int((t[-1] - t[0]) * REPLAY_RATE) + 2, max_poses))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps.excitation.clearance import CapsuleSpace, candidate_pairs
+from dynident.apps.excitation.clearance import CapsuleSpace, Integers, candidate_pairs
 from dynident.models import Box, Capsule, Floor, Geometry, Mesh, Obstacle, RigidBodies, ShapeSource
 from dynident.models.capsules import body_capsules, fixed_boxes
 from dynident.models.geometry import Solid
@@ -22,7 +22,6 @@ from dynident.models.robot_files import ShapeKind
 from dynident.runtime import ConfigError, Noun
 from dynident.runtime.arrays import Array
 
-Integers = NDArray[np.intp]
 SAMPLE_POSES = 600
 # m: what is kept free, and more than that by which links are near each other
 DEFAULT_CLEARANCE, ADJACENT_DISTANCE = 0.01, 0.01

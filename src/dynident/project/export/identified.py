@@ -25,6 +25,8 @@ from dynident.runtime import ModelError, Noun
 from dynident.runtime.arrays import Array
 
 ADVICE = "identify with `estimator: {kind: consistent}` to avoid this; parameters.yaml and model.py hold any values"
+# joint attributes that hold terms, by exact type: a subclass need not have the same torque
+ATTRIBUTES: Mapping[type, str] = {Viscous: "damping", Coulomb: "friction", RotorInertia: "armature"}
 MAX_NOMINAL_SHARE = 0.999  # the fixed links keep their nominal inertias up to this share of the largest consistent one
 
 
@@ -163,10 +165,9 @@ def holdable_mask(identified: IdentifiedModel, *, armature: bool) -> NDArray[np.
     return np.concatenate(masks)
 
 
-def _drive_attributes(armature: bool) -> dict[type[Term], str]:
-    """Return the attributes that hold terms, by exact type: a subclass need not have the same torque."""
-    kinds: dict[type[Term], str] = {Viscous: "damping", Coulomb: "friction"}
-    return kinds | ({RotorInertia: "armature"} if armature else {})
+def _drive_attributes(armature: bool) -> dict[type, str]:
+    """Return the attributes of joints, without ``armature`` where a file has none."""
+    return {kind: name for kind, name in ATTRIBUTES.items() if armature or kind is not RotorInertia}
 
 
 def _add_values(sums: dict[str, float], term: PerJoint, values: Array) -> None:

@@ -13,11 +13,11 @@ import numpy as np
 
 from dynident.files.xml_text import XmlText
 from dynident.identification import Identification
-from dynident.models import RigidBodies, RotorInertia, Term
-from dynident.models.friction import Coulomb, PerJoint, Viscous
+from dynident.models import RigidBodies, Term
+from dynident.models.friction import PerJoint
 from dynident.project.config import parse_config
 from dynident.project.drive_settings import CascadeJoint, LoopJoint, LoopSettings, PDJoint, PIDJoint
-from dynident.project.export.identified import Drives, IdentifiedModel, Servo
+from dynident.project.export.identified import ATTRIBUTES, Drives, IdentifiedModel, Servo
 from dynident.project.export.tree_text import element
 from dynident.project.settings import Config
 from dynident.runtime import DynidentError
@@ -25,7 +25,6 @@ from dynident.runtime.arrays import Array
 
 NORMAL_95 = 1.96  # standard errors to either side
 COMMAND_STEP = 5e-4  # s: MuJoCo keeps enough commands for a time step as short as this
-ATTRIBUTES: Mapping[type, str] = {Viscous: "damping", Coulomb: "friction", RotorInertia: "armature"}
 
 
 def identified_model(identification: Identification) -> IdentifiedModel:

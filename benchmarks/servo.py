@@ -78,7 +78,7 @@ def rollout_error(arm: ServoArm, text: str, outcome: Outcome, seed: int) -> floa
 
 def dynident(arm: ServoArm, seed: int) -> Outcome:
     """Return what dynident finds from `init` and `identify`, with nothing edited."""
-    from dynident.apps.servo import identify_servo
+    from dynident.apps.servo import fit_servos
     from dynident.cli.identification import draft_from_files
     from dynident.project.project import parse_project
 
@@ -93,7 +93,7 @@ def dynident(arm: ServoArm, seed: int) -> Outcome:
         start = time.process_time()
         logs = [str(folder / f"{name}.csv") for name in ("monday", "tuesday")]
         draft, _ = draft_from_files(str(folder / "arm.xml"), logs, folder)
-        result = identify_servo(parse_project(draft.text, folder / "robot.yaml"))
+        result = fit_servos(parse_project(draft.text, folder / "robot.yaml"))
         cpu = time.process_time() - start
     fit = result.fit
     truth = {"delay": [arm.delay], **{kind: getattr(arm, kind) for kind in KINDS}}

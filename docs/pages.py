@@ -97,7 +97,7 @@ API = {
     ),
     "Simulating estimators": ("OutputError", "Didim", "MaximumLikelihood", "AugmentedKalman"),
     "Accuracy": ("accuracy_bound", "cramer_rao_bound", "bootstrap"),
-    "Applications": ("excite", "find_payload", "compare", "fleet", "export_model"),
+    "Applications": ("excite", "find_payload", "identify_servos", "compare", "fleet", "export_model"),
     "Simulation": ("simulate", "record"),
     "Errors": ("errors",),
 }  # fmt: skip

@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # the table below, for type checkers, which know only what is
     from dynident.apps.fleets.run import fleet as fleet
     from dynident.apps.payload import find_payload as find_payload
     from dynident.apps.ranking.run import compare as compare
+    from dynident.apps.servo import identify_servos as identify_servos
     from dynident.estimators import AugmentedKalman as AugmentedKalman
     from dynident.estimators import Didim as Didim
     from dynident.estimators import Estimate as Estimate
@@ -114,6 +115,7 @@ _MODULES = {
     "find_payload": "dynident.apps.payload",
     "fleet": "dynident.apps.fleets.run",
     "identify": "dynident.project.shortcuts",
+    "identify_servos": "dynident.apps.servo",
     "load": "dynident.project.saved",
     "read_log": "dynident.project.shortcuts",
     "read_robot": "dynident.project.shortcuts",

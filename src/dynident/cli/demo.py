@@ -59,10 +59,9 @@ def demo(out: Path, files: bool, servo: bool) -> None:
 def _run_servos(screen: Screen, out: Path, *, only_files: bool) -> None:
     """Write the files of the arm of servos, identify it, and compare it with the truth."""
     from dynident.apps.demo import TRUE_DELAY, TRUE_VALUES, servo_files
-    from dynident.cli.servo import identify_servos, print_servos
-    from dynident.files.folder import result_folder
+    from dynident.apps.servo import identify_servos
+    from dynident.cli.servo import print_servos
     from dynident.files.results import write_text
-    from dynident.project.project import read_project
 
     with status():
         files = servo_files(out)
@@ -73,10 +72,10 @@ def _run_servos(screen: Screen, out: Path, *, only_files: bool) -> None:
     _print_heading(screen, f"$ {command('init', *files, '-o', config)}")
     write_text(config, draft_from_files(str(files[0]), [str(file) for file in files[1:]], out)[0].text)
     _print_heading(screen, f"$ {command('identify', config, '--out', out / 'servos')}")
-    with result_folder(out / "servos") as folder, status():
-        written = identify_servos(read_project(config), folder)
-    print_servos(written, config, out / "servos")
-    values = written[0].fit.values
+    with status():
+        result = identify_servos(config, out / "servos")
+    print_servos(result, config, out / "servos")
+    values = result.fit.values
     errors = [abs(getattr(values, key) / true - 1).max() for key, true in TRUE_VALUES.items()]
     _print_heading(screen, "How far that is from the truth, which only a simulation knows")
     screen.say(

@@ -128,7 +128,8 @@ def identify(config: Path, out: Path | None, write_config: Path | None, spread: 
     The result is a short summary; -v prints all tables. Logs too long for the memory (Parquet) are fitted in pieces by
     the workers; with --out an interrupted run continues where it stopped.
     """
-    from dynident.cli.servo import identify_servos, print_servos
+    from dynident.apps.servo import identify_servos
+    from dynident.cli.servo import print_servos
     from dynident.files.folder import result_folder
     from dynident.files.opener import refuse_inputs
     from dynident.files.results import write_text

@@ -13,50 +13,26 @@ from dynident.runtime import number
 if TYPE_CHECKING:
     from dynident.apps.servo import ServoIdentification
     from dynident.apps.servo.predict import ServoPrediction
-    from dynident.files.folder import ResultFolder
-    from dynident.project.project import Project
 
 OPTION_NAMES = {"parameters": "parameter", "file_rate": "file-rate"}  # of keys that are called otherwise
 CHIRP_OPTIONS = ("duration", "rate", "floor", "packages", "grippers", "seed")  # that chirps have
 STYLES = {"good for simulation": "green", "simulate with care": "yellow", "do not use": "red"}
 
 
-def identify_servos(project: Project, folder: ResultFolder | None) -> tuple[ServoIdentification, tuple[Path, ...]]:
-    """Identify an arm of position servos, and write its files into a folder; return both.
-
-    Raises the errors of ``dynident.apps.servo.identify_servo``, and ConfigError before the fit where the folder holds
-    the report of another command.
-    """
-    from dynident.apps.servo import MODEL, NUMBERS, PAGE, identify_servo, servo_dict, servo_page
-    from dynident.files.folder import refuse_other_report
-    from dynident.files.opener import refuse_inputs
-    from dynident.files.results import json_text
-
-    if folder is not None:
-        refuse_other_report(folder.path, NUMBERS)
-        refuse_inputs(*(folder.path / name for name in (MODEL, NUMBERS, PAGE)))
-    result = identify_servo(project)
-    if folder is None:
-        return result, ()
-    files = {MODEL: result.mjcf, NUMBERS: json_text(servo_dict(result)), PAGE: servo_page(result)}
-    return result, folder.replace(files)
-
-
-def print_servos(written: tuple[ServoIdentification, tuple[Path, ...]], config: Path, out: Path | None) -> None:
+def print_servos(result: ServoIdentification, config: Path, out: Path | None) -> None:
     """Print verdict, values and files of an arm of position servos."""
-    from dynident.apps.servo import NUMBERS, parameter_table, rollout_table, suspect_lines, verdict_words
+    from dynident.apps.servo import MODEL, NUMBERS, PAGE, parameter_table, rollout_table, suspect_lines, verdict_words
 
-    result, paths = written
     screen = console()
     for table in (parameter_table(result), rollout_table(result)):
         screen.show(table, detail=True)
     for line in (*suspect_lines(result), *result.warnings):
         screen.remark(f"Warning: {line}", "yellow")
-    print_files(screen, paths)
     if out is None:
         hint = command("identify", config, "--out", f"{config.stem}-out")
         screen.remark(f"To keep this, as a model of MuJoCo with a report: {hint}", no_wrap=True)
     else:
+        print_files(screen, [out / name for name in (MODEL, NUMBERS, PAGE)])
         hint = command("export", out / NUMBERS, "--format", "isaac", "--out", out / f"{result.name}_isaac.py")
         screen.remark(f"For other simulators: {hint}", no_wrap=True)
     screen.say(verdict_words(result), f"bold {STYLES.get(str(result.use), 'yellow')}")

@@ -169,7 +169,8 @@ def read_unchecked(
     check_joints(config, joints)
     if torque and isinstance(config.simulation, ServoSettings):
         raise ConfigError(
-            "simulation: logs of servos have no torque, which this needs; use `dynident identify` or `dynident check`."
+            "simulation: logs of servos have no torque, which this needs; use `dynident identify` or `dynident check`, "
+            "in Python `dy.identify_servos`."
         )
     table = read(spec, column_names(config, spec))
     recording = signals(table, config, joints, measured=torque or has_torques(table, config, joints))

@@ -8,7 +8,7 @@ from dynident.apps.demo.servo_arm import FILE_VALUES, SERVO_JOINTS
 from dynident.apps.servo.fit import ServoFit
 from dynident.apps.servo.judge import ServoRollout
 from dynident.apps.servo.plant import ServoLog
-from dynident.apps.servo.run import ServoIdentification
+from dynident.apps.servo.result import ServoIdentification
 from dynident.models import Joint
 from tests.apps.servo.arms import ENTRIES, ONES, values
 

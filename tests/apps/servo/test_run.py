@@ -12,6 +12,7 @@ import polars as pl
 import pytest
 from pydantic import ValidationError
 
+import dynident as dy
 from dynident.apps.demo.servo_arm import (
     FILE_VALUES,
     KP,
@@ -275,12 +276,15 @@ def test_what_is_wrong_with_a_log_is_said(config, folder) -> None:
         assert code == (severity == "error")
 
 
-def test_servos_at_their_limits_are_named_by_identify(config, folder) -> None:
+def test_servos_at_their_limits_are_named_and_python_has_the_same_result(config, folder) -> None:
     text = config.replace("limit: 3.35", "limit: 0.5").replace("commands: estimate", "commands: held")
     text = text.partition("validation:")[0].replace("delay: estimate", f"delay: {TRUE_DELAY}")
     (folder / "weak.yaml").write_text(text.replace("monday.csv", "monday.csv\n    window: [0, 1.5]"))
-    words = " ".join(succeed("identify", "weak.yaml", "--out", "weak").output.split())
-    assert "the servo is at its limit of 0.5" in words
+    result = dy.identify_servos("weak.yaml", "weak")
+    assert any("the servo is at its limit of 0.5" in words for words in result.warnings)
+    assert repr(result).startswith("<ServoIdentification of 'servos': not judged: no recording is held out")
+    saved = json.loads((folder / "weak" / "servo.json").read_text())
+    assert result.frame()["value"].to_list() == [row["value"] for row in saved["parameters"]]
 
 
 def test_a_rollout_of_another_recording_is_that_of_the_report(folder) -> None:

@@ -6,6 +6,7 @@ from dynident.apps.servo.report import (
     MODEL,
     NUMBERS,
     PAGE,
+    identify_servos,
     parameter_table,
     rollout_table,
     servo_dict,
@@ -13,5 +14,6 @@ from dynident.apps.servo.report import (
     suspect_lines,
     verdict_words,
 )
-from dynident.apps.servo.run import ServoIdentification, identify_servo, read_servo_logs
+from dynident.apps.servo.result import ServoIdentification
+from dynident.apps.servo.run import fit_servos, read_servo_logs
 from dynident.apps.servo.saved import load_servo_result

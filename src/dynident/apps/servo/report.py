@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from contextlib import nullcontext
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dynident.apps.servo.judge import ServoRollout, ServoUse
 from dynident.apps.servo.predict import ServoPrediction
-from dynident.apps.servo.run import ServoIdentification, entry_name
-from dynident.apps.servo.values import FRICTION, Entry, Quantity
+from dynident.apps.servo.result import NOT_JUDGED, ServoIdentification, entry_name
+from dynident.apps.servo.run import fit_servos
+from dynident.apps.servo.values import Quantity
+from dynident.files.folder import ResultFolder, refuse_other_report, result_folder
+from dynident.files.opener import refuse_inputs
+from dynident.files.results import as_path, json_text
+from dynident.project.project import Project, read_project
 from dynident.project.result_format import SERVO_FORMAT, SERVO_VERSION
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, INK, curve, panels
@@ -19,15 +25,8 @@ from dynident.report.page import pair_table as pairs
 from dynident.runtime import number
 
 NUMBERS, PAGE, MODEL = "servo.json", "report.html", "robot.xml"
-INTERVAL = 1.96  # standard errors on each side, which hold 95 %
 TONES = {ServoUse.GOOD: "good", ServoUse.CARE: "fair", ServoUse.NO: "bad"}
-UNITS = {  # of joints that turn, and of those that slide
-    Quantity.ARMATURE: ("kg m^2", "kg"), Quantity.DAMPING: ("N m s/rad", "N s/m"), Quantity.FRICTIONLOSS: ("N m", "N"),
-    Quantity.KP: ("N m/rad", "N/m"), Quantity.OFFSET: ("rad", "m"), Quantity.COMMAND_OFFSET: ("rad", "m"),
-    Quantity.MASS: ("", ""), Quantity.DELAY: ("s", "s"),
-}  # fmt: skip
 ERRORS = {"whole": "error", "half_second": "window_error", "file": "nominal_error", "noise": "noise"}
-NOT_JUDGED = "not judged: no recording is held out"
 
 
 def verdict_words(result: ServoIdentification) -> str:
@@ -46,26 +45,11 @@ def verdict_words(result: ServoIdentification) -> str:
     )
 
 
-def rows_of(result: ServoIdentification) -> Iterator[tuple[Entry, float, float, float]]:
-    """Yield each fitted entry, joint by joint, with its value, standard error, and the file's value."""
-    fit = result.fit
-    stds = dict(zip(fit.entries, fit.std, strict=True))
-    order = list(Quantity)
-    for entry in sorted(fit.entries, key=lambda e: (e.quantity is Quantity.DELAY, e.k, order.index(e.quantity))):
-        yield entry, fit.values.entry(entry), float(stds[entry]), result.nominal.entry(entry)
-
-
-def unit_of(result: ServoIdentification, entry: Entry) -> str:
-    """Return the unit of an entry, "" for a factor."""
-    is_torque = entry.quantity is Quantity.COMMAND_OFFSET and result.fit.values.takes_torque[entry.k]
-    return UNITS[Quantity.FRICTIONLOSS if is_torque else entry.quantity][result.joints[entry.k].kind == "prismatic"]
-
-
 def parameter_table(result: ServoIdentification) -> PageTable:
     """Return the fitted values with their standard errors, beside those of the file."""
     names, rows = [joint.name for joint in result.joints], []
-    for entry, value, std, nominal in rows_of(result):
-        unit = unit_of(result, entry)
+    for entry, value, std, nominal in result.rows():
+        unit = result.unit(entry)
         # of a delay, and of a kp that equals what was found, the file says nothing
         before = "" if entry.quantity is Quantity.DELAY or nominal == value else number(nominal, 4)
         rows.append((entry_name(entry, names), number(value, 4), number(std, 2), before, unit))
@@ -147,16 +131,6 @@ def _drawing(rollout: ServoRollout, k: int, is_torque: bool) -> Drawing:
 
 def servo_dict(result: ServoIdentification) -> dict[str, Any]:
     """Return the numbers of a result for programs; ``low`` and ``high`` hold 95 %, as for domain randomisation."""
-    rows = [
-        {
-            "joint": None if entry.quantity is Quantity.DELAY else result.joints[entry.k].name,
-            "quantity": str(entry.quantity), "value": value, "std": std, "file": nominal,
-            "unit": unit_of(result, entry),
-            "low": max(value - INTERVAL * std, 0.0) if entry.quantity in FRICTION else value - INTERVAL * std,
-            "high": value + INTERVAL * std, "given": entry in result.suspects,
-        }
-        for entry, value, std, nominal in rows_of(result)
-    ]  # fmt: skip
     rollouts = [
         {"name": r.log.name, "role": r.role} | {key: getattr(r, name) for key, name in ERRORS.items()}
         for r in result.rollouts
@@ -164,7 +138,7 @@ def servo_dict(result: ServoIdentification) -> dict[str, Any]:
     return {
         "format": SERVO_FORMAT, "version": SERVO_VERSION,
         "robot": result.name, "use": None if result.use is None else str(result.use),
-        "joints": [joint.name for joint in result.joints], "parameters": rows, "rollouts": rollouts,
+        "joints": [joint.name for joint in result.joints], "parameters": result.parameters(), "rollouts": rollouts,
         "backlash": [
             {"joint": result.joints[gap.k].name, "size": gap.size, "at": "output" if gap.output else "motor"}
             for gap in result.backlash
@@ -176,3 +150,23 @@ def servo_dict(result: ServoIdentification) -> dict[str, Any]:
         },
         "commands_held": result.held,
     }  # fmt: skip
+
+
+def identify_servos(config: str | Path | Project, out: str | Path | ResultFolder | None = None) -> ServoIdentification:
+    """Identify the arm of servos that a configuration (YAML) describes, by simulating it in MuJoCo.
+
+    Into the folder ``out`` are written ``robot.xml``, the model of MuJoCo with the fitted values, ``servo.json``, for
+    ``dynident predict`` and ``dynident export``, and ``report.html``.
+
+    Raises ConfigError where the configuration is not of that kind, or the folder holds the report of another command,
+    ModelError where MuJoCo is not installed or cannot simulate the file, InputError where a log cannot be used.
+    """
+    project = config if isinstance(config, Project) else read_project(config)
+    if out is None:
+        return fit_servos(project)
+    with nullcontext(out) if isinstance(out, ResultFolder) else result_folder(as_path(out)) as folder:
+        refuse_other_report(folder.path, NUMBERS)
+        refuse_inputs(*(folder.path / name for name in (MODEL, NUMBERS, PAGE)))
+        result = fit_servos(project)
+        folder.replace({MODEL: result.mjcf, NUMBERS: json_text(servo_dict(result)), PAGE: servo_page(result)})
+    return result

@@ -11,55 +11,25 @@ import numpy as np
 from dynident.apps.servo.backlash import Backlash, find_backlash
 from dynident.apps.servo.commands import command_findings, limit_findings
 from dynident.apps.servo.fit import ServoFit, fit_values, split_into_windows, suspect_entries
-from dynident.apps.servo.judge import ServoRollout, ServoUse, position_noise, roll_out, verdict_of
+from dynident.apps.servo.judge import position_noise, roll_out
 from dynident.apps.servo.plant import ServoLog, ServoPlant, import_mujoco
+from dynident.apps.servo.result import ServoIdentification, entry_name
 from dynident.apps.servo.robot import MAX_ROLLOUT_DIFFERENCE, load_plant, mjcf_text, rollout_difference, write_mjcf
 from dynident.apps.servo.start import MAX_DELAY, SmoothLog, smooth_servo_log, start_values
 from dynident.apps.servo.values import FRICTION, Entry, Quantity, ServoValues
 from dynident.checks import check_log
 from dynident.files.tables import DataTable
-from dynident.identification import SourceFile
 from dynident.models import Joint
 from dynident.project.config import model_file
 from dynident.project.drive_settings import ServoSettings
 from dynident.project.logs import read_recording, read_unchecked, turning_joints
 from dynident.project.project import Project, log_files
 from dynident.project.settings import Config, LogSpec, RobotSettings, check_joints
-from dynident.runtime import ConfigError, ModelError, Noun, Severity, number, report_progress, require
+from dynident.runtime import ConfigError, ModelError, Severity, number, report_progress, require
 from dynident.runtime.arrays import Array
 
 MAX_NOISE_RATIO = 1.3  # of residuals to noise, beyond which another kind of commands is tried
 MAX_ROUNDS = 2  # of testing what is given and fitting it too
-
-
-class ServoIdentification(Noun):
-    """The identified model of a servo arm: the ``fit``, the values of the ``nominal`` file, and what they are worth.
-
-    ``suspects`` were given, but contradict the log, and are fitted too; ``backlash`` are the gaps found, which the
-    model lacks. ``mjcf`` is the robot file with the fitted values, whose rollout is ``difference`` (rad, m) from that
-    of the fit. ``hashes`` are the SHA-256 of all files read; commands are ``held``, else interpolated.
-    """
-
-    name: str
-    joints: tuple[Joint, ...]
-    fit: ServoFit
-    nominal: ServoValues
-    suspects: tuple[Entry, ...]
-    backlash: tuple[Backlash, ...]
-    rollouts: tuple[ServoRollout, ...]
-    mjcf: str
-    difference: float
-    warnings: tuple[str, ...]
-    hashes: dict[str, str]
-    configuration: SourceFile | None
-    held: bool
-
-    @property
-    def use(self) -> ServoUse | None:
-        """What the model is good for, by held-out rollouts; None where there is none. With backlash, which is not in
-        the model, at best with care."""
-        use = verdict_of(self.rollouts)
-        return ServoUse.CARE if self.backlash and use is ServoUse.GOOD else use
 
 
 @dataclass(frozen=True)
@@ -85,7 +55,7 @@ class ServoArm:
 
 
 def load_servos(project: Project) -> ServoArm:
-    """Return the arm of a configuration; ConfigError where it is not of that kind, else as ``identify_servo``."""
+    """Return the arm of a configuration; ConfigError where it is not of that kind, else as ``fit_servos``."""
     settings, robot = project.config.simulation, project.config.model
     path = model_file(robot, project.path.parent)
     if not isinstance(settings, ServoSettings) or not isinstance(robot, RobotSettings) or path is None:
@@ -96,7 +66,7 @@ def load_servos(project: Project) -> ServoArm:
     return ServoArm(robot, settings, path.name, text, plant, nominal_values(plant, settings))
 
 
-def identify_servo(project: Project) -> ServoIdentification:
+def fit_servos(project: Project) -> ServoIdentification:
     """Identify the arm of servos that a configuration describes, by simulating it in MuJoCo.
 
     Raises ConfigError where the configuration is not of that kind, ModelError where MuJoCo is not installed or cannot
@@ -242,12 +212,6 @@ def _fit_warnings(fit: ServoFit, plant: ServoPlant) -> Iterator[str]:
     for group in fit.undetermined:
         names = [entry_name(entry, plant.joints) for entry in group]
         yield f"the logs do not tell apart: {', '.join(names)}; record faster and slower motions, or give one of them."
-
-
-def entry_name(entry: Entry, joints: Sequence[str]) -> str:
-    """Return the name of a parameter, such as ``armature of elbow``."""
-    words = str(entry.quantity).replace("_", " ")
-    return words if entry.quantity is Quantity.DELAY else f"{words} of {joints[entry.k]}"
 
 
 def read_servo_logs(project: Project) -> tuple[dict[str, list[ServoLog]], tuple[str, ...]]:

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dynident.apps.servo.run import ServoArm, entry_name, load_servos
+from dynident.apps.servo.result import entry_name
+from dynident.apps.servo.run import ServoArm, load_servos
 from dynident.apps.servo.values import Entry, Quantity, ServoValues
 from dynident.models import Model, RigidBodies, RotorInertia, change_frame
 from dynident.models.friction import Coulomb, Viscous

@@ -49,6 +49,10 @@ TEXTS = {
         {"t": [0, 1], "a.q": [1, 3], "b.q": [2, 4]},
     ),
     "a row for each number": ("t,q,id\n0,5,2\n0,6,1\n1,7,2\n1,8,1\n", {"t": [0, 1], "2.q": [5, 7], "1.q": [6, 8]}),
+    "runs of equal length": (
+        "run,t,q\n1,0,5\n1,1,6\n1,2,7\n2,0,8\n2,1,9\n2,2,5\n",
+        {"run": [1, 1, 1, 2, 2, 2], "t": [0, 1, 2, 0, 1, 2], "q": [5, 6, 7, 8, 9, 5]},
+    ),
     "a bit that toggles": ("t,q,bit\n0,5,1\n1,6,0\n", {"t": [0, 1], "q": [5, 6], "bit": [1, 0]}),
     "seconds and nanoseconds": (
         "header.stamp.sec,header.stamp.nanosec,q\n5,999999999,1\n6,1000000,2\n",

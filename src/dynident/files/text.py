@@ -298,7 +298,14 @@ def _gather_keys(
     """
     for key_name, values in {**texts, **columns}.items():
         n = 1 + int(np.argmax(values[1:] == values[0])) if len(values) > 1 else 1
-        if n == 1 or len(values) % n or (values[n:] != values[:-n]).any() or len(set(values[:n])) < n:
+        # more times than keys: stamps repeat, too, in runs of one length
+        if (
+            n == 1
+            or len(values) % n
+            or len(values) < n * n
+            or (values[n:] != values[:-n]).any()
+            or len(set(values[:n])) < n
+        ):
             continue
         blocks = {name: column.reshape(-1, n) for name, column in columns.items() if name != key_name}
         alike = {name for name, block in blocks.items() if (block == block[:, :1]).all()}

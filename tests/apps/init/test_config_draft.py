@@ -208,7 +208,7 @@ def test_an_existing_file_is_kept_and_logs_of_other_columns_are_refused(arm, tmp
 def test_what_identify_would_warn_of_is_shown(arm, tmp_path):
     write(tmp_path / "a.csv", **{"elbow.effort": np.zeros(N)})
     assert "the torque is 0 throughout" in run("init", arm, "a.csv").output
-    write(tmp_path / "a.csv", **{"elbow.effort": np.where(T == 1, np.nan, 1.0)})
+    write(tmp_path / "a.csv", **{"elbow.effort": np.where(T == 1, np.inf, 1.0)})
     assert "the configuration cannot be used yet" in run("init", arm, "a.csv", "--force").output
 
 

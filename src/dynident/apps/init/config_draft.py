@@ -149,7 +149,7 @@ def draft_config(
     _write_unused(page, mapping, sources[0].table)
     _write_logs(page, mapping, sources, folder)
     if mapping.gaps:
-        page.line("gaps: split  # the stamps have gaps; each piece is smoothed separately")
+        page.line("gaps: split  # the stamps have gaps, or rows are empty; each piece is smoothed separately")
     if not mapping.command:
         page.line("")
         page.line(

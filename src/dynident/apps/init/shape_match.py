@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps.init.match import Match, MovableJoint, is_increasing
+from dynident.apps.init.match import Match, MovableJoint
+from dynident.apps.init.stamps import is_increasing
 from dynident.files.tables import DataTable
 from dynident.project.columns import ColumnFamily, read_name
 from dynident.runtime.arrays import Array

@@ -44,6 +44,7 @@ NOTES = [
     channel_notes.UnevenSteps(0.17, 0.005006, 0.00461, 0.0103),
     channel_notes.NeverMoves(2, 0.0),
     channel_notes.PerhapsDegrees(8.0, 47.88),
+    channel_notes.UnorderedRows(),
     channel_notes.QuantisedPosition(1e-3, 10.0),
     channel_notes.ConstantTorque(1.0),
     channel_notes.ArmAtRest(2.5, 4.0),

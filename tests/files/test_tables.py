@@ -31,6 +31,10 @@ TEXTS = {
         "t;q;n;m\n[s];deg;-;[0.1 %]\n0;1.5;2;4\n1;2;3;5\n",
         {"t [s]": [0, 1], "q [deg]": [1.5, 2], "n": [2, 3], "m [0.1 %]": [4, 5]},
     ),
+    "names in two lines": (
+        "t,q,q,tau,tau\n,pan_joint,lift,pan_joint,lift\n0,1,2,3,4\n",
+        {"t": [0], "q.pan_joint": [1], "q.lift": [2], "tau.pan_joint": [3], "tau.lift": [4]},
+    ),
     "a title": (
         "Robot: IRB 1200, No. 17\nTest signals\nSampling\t4 ms\nt\tq\tn\n[s]\tdeg\t-\n0\t1.5\t2\n1\t2\t3\n",
         {"t [s]": [0, 1], "q [deg]": [1.5, 2], "n": [2, 3]},

@@ -123,9 +123,16 @@ def _find_header(line: str, comments: list[str], separator: str | None) -> tuple
 
 
 def unit_row(line: str, names: list[str], separator: str | None) -> list[str] | None:
-    """Return the names with the units of the line below them, as ``name [unit]``; None where it has no units."""
+    """Return the names with the units of the line below them, as ``name [unit]``; None where it has no units.
+
+    Where names are repeated, the line below tells them apart, as ``name.joint``.
+    """
     cells = row_cells(line, separator)
-    if len(cells) != len(names) or not any(_UNIT_CELL.fullmatch(cell) for cell in cells):
+    if len(cells) != len(names):
+        return None
+    if len(set(names)) < len(names) and not any(cell and _is_number(cell) for cell in cells):
+        return [f"{name}.{cell}" if cell else name for name, cell in zip(names, cells, strict=True)]
+    if not any(_UNIT_CELL.fullmatch(cell) for cell in cells):
         return None
     if any(cell and not _UNIT_CELL.fullmatch(cell) for cell in cells):
         return None
@@ -237,7 +244,8 @@ def _check_distinct(names: list[str], source: str) -> list[str]:
     for k, name in enumerate(names):
         if first_index.setdefault(name, k) < k:
             raise InputError(
-                f"{source}: columns {first_index[name] + 1} and {k + 1} are both named {name!r}; rename one of them."
+                f"{source}: columns {first_index[name] + 1} and {k + 1} are both named {name!r}; "
+                "give each column a name of its own, in one line."
             )
     return names
 

@@ -59,10 +59,12 @@ def _word_set(text: str) -> frozenset[str]:
 
 
 _ROLES: Mapping[str, frozenset[str]] = {  # the first that a name has is its role
-    "acceleration": _word_set("ddq qdd qacc acc accel acceleration accelerations ddtheta qddot beschleunigung 加速度"),
+    "acceleration": _word_set(
+        "ddq qdd ddot qacc acc accel acceleration accelerations ddtheta qddot beschleunigung 加速度"
+    ),
     "velocity": _word_set(
-        "dq qd qvel vel velocity velocities speed speeds qdot dtheta omega geschwindigkeit drehzahl vitesse velocidad "
-        "速度"
+        "dq qd dot qvel vel velocity velocities speed speeds qdot dtheta omega geschwindigkeit drehzahl vitesse "
+        "velocidad 速度"
     ),
     "current": _word_set("current currents cur curr iq amp amps ampere i strom courant corriente 电流"),
     "torque": _word_set(
@@ -81,10 +83,10 @@ _COMMANDED_WORDS = _word_set(
 _MEASURED_WORDS = _word_set(
     "meas measured actual act fb feedback msr real sensed raw state read ist istwert 实际 测量 反馈"
 )
-_FILTERED_WORDS = _word_set("filt filtered smooth smoothed est estimated hat lp")
+_FILTERED_WORDS = _word_set("filt filtered smooth smoothed est estimated computed hat lp")
 _DERIVED_WORDS = _word_set(
     "err error errors ext external fric friction grav gravity model coriolis comp diff std var temp temperature limit "
-    "max min ff feedforward residual res tcp eef wrench cartesian ft "
+    "max min ff feedforward residual res tcp ee eef wrench cartesian ft "
     "bias passive constraint inverse"
 )
 _AFTER_PRESENT = _word_set("pos position positions angle angles torque torques effort efforts")

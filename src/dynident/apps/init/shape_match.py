@@ -94,6 +94,26 @@ def match_by_shape(table: DataTable, joints: Sequence[MovableJoint]) -> tuple[Ma
     return position_match, _find_torque(X, chain, starts, joints, blocks)
 
 
+def sampling_step(table: DataTable, position: Match) -> float:
+    """Return the time (s) between rows by which other columns are the velocities of the positions; nan where none are.
+
+    Those of all joints that move must agree.
+    """
+    named = list(position.columns.values())
+    rows = len(table.columns[named[0]])
+    others = [name for name, x in table.columns.items() if name not in named and len(x) == rows]
+    if rows < MIN_SAMPLES or not others:
+        return np.nan
+    X = _complete_rows(np.column_stack([table.columns[name] for name in (*named, *others)])[:MAX_SAMPLES])
+    if len(X) < MIN_SAMPLES:
+        return np.nan
+    moving = np.flatnonzero(np.ptp(X[:, : len(named)], axis=0) > MIN_MOTION)
+    C, slopes = (matrix[moving, len(named) :] for matrix in _derivative_correlation(X))
+    steps = slopes[np.arange(len(moving)), C.argmax(axis=1)]
+    is_sure = len(moving) > 0 and C.max(axis=1).min() > MIN_DERIVATIVE_CORRELATION
+    return float(np.median(steps)) if is_sure and steps.max() < MAX_UNIT_RATIO * steps.min() else np.nan
+
+
 def _recorded_joints(joints: Sequence[MovableJoint], count: int) -> Sequence[MovableJoint]:
     """Return the joints that ``count`` columns may belong to.
 

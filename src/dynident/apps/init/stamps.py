@@ -37,7 +37,7 @@ def finite_values(column: Array) -> Array:
 
 @dataclass(frozen=True)
 class TimeColumn:
-    """The column of the stamps (None: not found) and its unit; ``step`` is the median step in s."""
+    """The column of the stamps (None: not found) and its unit; ``step`` is the median step in s, or nan."""
 
     column: str | None
     unit: str = "s"

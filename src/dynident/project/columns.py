@@ -74,7 +74,7 @@ _ROLES: Mapping[str, frozenset[str]] = {  # the first that a name has is its rol
         "q qpos pos position positions angle angles ang theta th phi enc encoder encoders qm winkel posicion posizione "
         "角度 位置"
     ),
-    "time": _word_set("t ts time times stamp stamps timestamp timestamps clock secs zeit temps tiempo tempo 时间"),
+    "time": _word_set("t ts time times tout stamp stamps timestamp timestamps clock secs zeit temps tiempo tempo 时间"),
 }
 _COMMANDED_WORDS = _word_set(
     "cmd command commands commanded des desired target targets ref reference goal setpoint sp d nominal plan planned "

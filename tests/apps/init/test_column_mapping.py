@@ -232,6 +232,13 @@ def test_rows_of_single_joints_are_named():
     assert not mapping.gaps
 
 
+def test_signals_with_a_clock_of_their_own_have_the_time():
+    clocks = {"time": None, "q_out.time": T, "tau_out.time": T}
+    assert map_columns(table(**clocks, **signals()), NUMBERED).time.column == "q_out.time"
+    assert map_columns(table(**clocks | {"tau_out.time": T + 1}, **signals()), NUMBERED).time.column is None
+    assert map_columns(table(**clocks, tout=T, **signals()), NUMBERED).time.question == ""
+
+
 FINGER = MovableJoint("finger", "prismatic", RobotJointLimits(lower=0.01, upper=0.04))
 NAMED = signals(("shoulder_q", "elbow_q"), ("shoulder_tau", "elbow_tau"))
 

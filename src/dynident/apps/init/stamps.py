@@ -107,7 +107,9 @@ def _find_clock(table: DataTable, rows: int, several: bool) -> tuple[str, str | 
         if len(column) == rows >= _MIN_CLOCK_SAMPLES and is_increasing(column):
             ratios = np.diff(column) / np.median(np.diff(column))
             # the median of the deviations ignores a few gaps, which the maximum bounds
-            if ratios.max() < _GAP_RATIO and np.median(np.abs(ratios - 1)) < _MAX_STEP_DEVIATION:
+            is_even = ratios.max() < _GAP_RATIO and np.median(np.abs(ratios - 1)) < _MAX_STEP_DEVIATION
+            # signals that are logged one by one have the same clock each
+            if is_even and not any(np.array_equal(column, table.columns[clock]) for clock in clocks):
                 clocks.append(name)
     if not clocks or (len(clocks) > 1 and not several):
         return None

@@ -40,7 +40,8 @@ _UNIT_ROLES = {  # units that tell the role too
     "ma": "current",
 }
 _UNIT = re.compile(
-    r"[\[(]\s*(?P<bracket>[^\W\d][^\])\d]*|[°%])\s*[\])]|(?<=[\W_])(?P<tail>[^\W\d_]+|[°%])(?=[\W_]*\d*[\W_]*$)"
+    r"[\[(]\s*(?P<bracket>[^\W\d][^\])\d]*|[°%])\s*[\])]|(?<=[\W_])(?P<tail>[^\W\d_]{2,}|[°%aA])(?=[\W_]*\d*[\W_]*$)"
+    r"|(?<=[\W_])(?P<letter>[^\W\d_])(?=[\W_]*$)"  # the m of enc_m1 is a motor
 )
 _STATED = re.compile(rf"\[\s*((?:{FACTOR}\s*)?[^\]\d]+?)\s*\]|(%|percent)", re.IGNORECASE)
 _FACTOR_AND_UNIT = re.compile(rf"([\[(])\s*({FACTOR})\s*((?:[^\W\d]|[°%])[^\])\d]*[\])])")
@@ -250,7 +251,7 @@ def _unit_in_name(column: str) -> tuple[str, tuple[str, ...]]:
     matches = list(_UNIT.finditer(column))
     if not matches:
         return "", ()
-    text = matches[-1]["bracket"] or matches[-1]["tail"]
+    text = next(filter(None, matches[-1].groups()))
     return re.sub(r"[\s*·⋅.-]", "", text).lower(), tokens(text)
 
 

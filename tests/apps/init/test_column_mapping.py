@@ -232,6 +232,13 @@ def test_rows_of_single_joints_are_named():
     assert not mapping.gaps
 
 
+def test_columns_of_joints_are_better_than_those_of_motors():
+    pairs = [(f"motor_pos_{k}", f"link_pos_{k}", f"motor_torque_{k}", f"joint_torque_{k}") for k in (1, 2)]
+    mapping = map_columns(table(**{name: wave(1.0) for pair in pairs for name in pair}), NUMBERED)
+    assert chosen(mapping) == ["link_pos_1", "link_pos_2", "joint_torque_1", "joint_torque_2"]
+    assert mapping.position["arm_joint1"].question == ""
+
+
 def test_signals_with_a_clock_of_their_own_have_the_time():
     clocks = {"time": None, "q_out.time": T, "tau_out.time": T}
     assert map_columns(table(**clocks, **signals()), NUMBERED).time.column == "q_out.time"

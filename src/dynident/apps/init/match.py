@@ -24,6 +24,7 @@ from dynident.runtime.arrays import Array
 
 # turns: the step of an angle that starts anew, and the range of its values
 _MIN_JUMP_TURNS, _MIN_SPAN_TURNS = 0.9, 0.97
+_MOTOR_WORDS = {"motor", "motors", "rotor", "drive"}
 _MAX_STILL_SHARE = 0.1  # of the range of every motor that moves: a motor with less is none of the joints
 
 
@@ -98,6 +99,11 @@ def _has_length(match: Match, joints: Collection[str]) -> bool:
     return any(unit_size(units.get(column, ""), "length") for joint, column in match.columns.items() if joint in joints)
 
 
+def _is_of_motors(match: Match) -> bool:
+    """Return whether the columns are named as those of motors, which differ from those of joints by a gear."""
+    return not _MOTOR_WORDS.isdisjoint(tokens(next(iter(match.columns.values()))))
+
+
 def _pair_merit(pair: tuple[Match | None, Match | None]) -> tuple[float, ...]:
     """Return the sort key of a pair of positions and torques, the most important criterion first."""
     matches = [match for match in pair if match]
@@ -107,6 +113,7 @@ def _pair_merit(pair: tuple[Match | None, Match | None]) -> tuple[float, ...]:
         len(common),
         sum(match.family.rank for match in matches),
         any(match.family.role == "torque" for match in matches),
+        -sum(_is_of_motors(match) for match in matches),
         sum(bool(match.family.units) for match in matches),  # degrees rather than counts
         -sum(bool(match.question) for match in matches),
         pair[0] is not None,
@@ -120,7 +127,8 @@ def _ask_about_rivals(table: DataTable, match: Match | None, candidates: Iterabl
 
     def key(candidate: Match) -> tuple[Any, ...]:
         family, columns = candidate.family, candidate.columns
-        return family.role, family.rank, bool(family.units), set(columns), match_length(table, candidate)
+        length, of_motors = match_length(table, candidate), _is_of_motors(candidate)
+        return family.role, family.rank, of_motors, bool(family.units), set(columns), length
 
     # rivals are equal in all that the choice was made by, so that the order of the file decided
     others = (candidate for candidate in candidates if candidate is not match and key(candidate) == key(match))

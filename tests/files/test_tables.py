@@ -35,6 +35,8 @@ TEXTS = {
         "t,q,q,tau,tau\n,pan_joint,lift,pan_joint,lift\n0,1,2,3,4\n",
         {"t": [0], "q.pan_joint": [1], "q.lift": [2], "tau.pan_joint": [3], "tau.lift": [4]},
     ),
+    "texts without names": ("5,a,1.5\n6,a,2.5\n", {"0": [5, 6], "2": [1.5, 2.5]}),
+    "numbers as names": ("id,1,2\na,1.5,3\nb,2.5,4\n", {"1": [1.5, 2.5], "2": [3, 4]}),
     "a title": (
         "Robot: IRB 1200, No. 17\nTest signals\nSampling\t4 ms\nt\tq\tn\n[s]\tdeg\t-\n0\t1.5\t2\n1\t2\t3\n",
         {"t [s]": [0, 1], "q [deg]": [1.5, 2], "n": [2, 3]},

@@ -52,7 +52,8 @@ def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  
     longest = max((line for _, line in body[1:][-3:] or body), key=len)
     separator = _find_separator(longest)
     body = _drop_title(body, len(row_cells(longest, separator)), separator)
-    names, header = _find_header(body[0][1], [line for k, line in lines if k < body[0][0]], separator)
+    comments = [line for k, line in lines if k < body[0][0]]
+    names, header = _find_header(body[0][1], comments, separator, body[1][1] if len(body) > 1 else "")
     heads, body = body[:header], body[header:]
     if header and body and (units := unit_row(body[0][1], names, separator)) is not None:
         names, heads, body = units, [*heads, body[0]], body[1:]
@@ -106,20 +107,24 @@ def _drop_title(body: list[tuple[int, str]], width: int, separator: str | None) 
     return body
 
 
-def _find_header(line: str, comments: list[str], separator: str | None) -> tuple[list[str], bool]:
+def _find_header(line: str, comments: list[str], separator: str | None, next_line: str = "") -> tuple[list[str], bool]:
     """Return the column names, and whether the first line has them; else the last comment may have them."""
-    cells = row_cells(line, separator)
-    numbers = [_is_number(cell) or is_stamp(cell) for cell in cells]
+    cells, numbers = row_cells(line, separator), _numeric_cells(line, separator)
     # some recorders write the names of the columns in a comment
     comment_cells = row_cells(comments[-1].strip().lstrip("#% "), separator) if comments else []
     is_named_by_comment = len(comment_cells) == len(cells) and not any(
         _NUMBER.fullmatch(cell) for cell in comment_cells
     )
-    if not all(numbers) and not (
-        is_named_by_comment and separator and any(numbers)
-    ):  # a row may have texts, as names of joints
+    # a row may have texts, as names of joints; without names, the next line is like it, and no name is a decimal
+    has_decimals = any("." in cell for cell, number in zip(cells, numbers, strict=True) if number)
+    is_row = is_named_by_comment or (has_decimals and numbers == _numeric_cells(next_line, separator))
+    if not all(numbers) and not (is_row and separator and any(numbers)):
         return cells, True
     return (comment_cells if len(comment_cells) == len(cells) else [str(k) for k in range(len(cells))]), False
+
+
+def _numeric_cells(line: str, separator: str | None) -> list[bool]:
+    return [_is_number(cell) or is_stamp(cell) for cell in row_cells(line, separator)]
 
 
 def unit_row(line: str, names: list[str], separator: str | None) -> list[str] | None:

@@ -62,7 +62,7 @@ def match_by_shape(table: DataTable, joints: Sequence[MovableJoint]) -> tuple[Ma
     # columns that increase are clocks or counters; shorter ones belong to other logs
     rows = max((len(column) for column in table.columns.values()), default=0)
     names = [name for name, x in table.columns.items() if len(x) == rows and not is_increasing(x)]
-    joints = _recorded_joints(joints, len(names))
+    joints = _recorded_joints(_named_order(table, joints), len(names))
     n = len(joints)
     if rows < MIN_SAMPLES or not n or len(names) < 2 * n:
         return None, None
@@ -112,6 +112,13 @@ def sampling_step(table: DataTable, position: Match) -> float:
     steps = slopes[np.arange(len(moving)), C.argmax(axis=1)]
     is_sure = len(moving) > 0 and C.max(axis=1).min() > MIN_DERIVATIVE_CORRELATION
     return float(np.median(steps)) if is_sure and steps.max() < MAX_UNIT_RATIO * steps.min() else np.nan
+
+
+def _named_order(table: DataTable, joints: Sequence[MovableJoint]) -> Sequence[MovableJoint]:
+    """Return the joints in the order in which columns of text name them, where these name all."""
+    by_name = {joint.name: joint for joint in joints}
+    named = [by_name[text] for text in table.texts.values() if text in by_name]
+    return named if len(named) == len(by_name) == len({joint.name for joint in named}) else joints
 
 
 def _recorded_joints(joints: Sequence[MovableJoint], count: int) -> Sequence[MovableJoint]:

@@ -121,8 +121,8 @@ def check_same_columns(mapping: ColumnMapping, sources: Sequence[LogSource]) -> 
             if name not in source.table.columns:
                 raise InputError(
                     f"{source.table.source}: has no column {name!r}, unlike {sources[0].table.source}; "
-                    f"{choices(name, source.table.columns)} All logs of a configuration have the same columns. "
-                    "Files that make one log together are joined by a plus: q.csv+tau.csv."
+                    f"{choices(name, source.table.columns)} All logs of a configuration have the same columns: rename "
+                    "those of one. Files that make one log together are joined by a plus: q.csv+tau.csv."
                 )
 
 

@@ -376,7 +376,7 @@ def _times_and_positions(mapping: ColumnMapping, table: DataTable) -> Array:
     if mapping.time.column is not None:
         columns = [table.columns[mapping.time.column], *columns]
     elif mapping.time.step > 0:
-        columns = [np.arange(len(columns[0])) * mapping.time.step, *columns]
+        columns = [np.arange(len(columns[0]), dtype=float) * mapping.time.step, *columns]
     else:
         return np.empty((0, 1))
     if len({len(column) for column in columns}) != 1:

@@ -248,7 +248,7 @@ def complete_rows(table: DataTable, matches: Iterable[Match | None]) -> DataTabl
     columns = [table.columns[name] for match in matches if match for name in match.columns.values()]
     if len({len(column) for column in columns}) != 1:
         return table
-    keep = ~np.isnan(columns).any(axis=0)
+    keep = np.asarray(~np.isnan(columns).any(axis=0))
     return table if keep.all() or not keep.any() else table.select_rows(keep, "")
 
 

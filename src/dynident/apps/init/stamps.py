@@ -102,7 +102,7 @@ def _find_clock(table: DataTable, rows: int, several: bool) -> tuple[str, str | 
     Its name does not matter. Of ``several`` candidates, prefer one that does not count samples, and whose steps
     may be seconds.
     """
-    clocks = []
+    clocks = list[str]()
     for name, column in table.columns.items():
         if len(column) == rows >= _MIN_CLOCK_SAMPLES and is_increasing(column):
             ratios = np.diff(column) / np.median(np.diff(column))

@@ -183,6 +183,13 @@ def test_friction_by_the_load_is_missing_only_where_the_model_lacks_it(moved: Lo
         assert {note.effect.name for note in notes if isinstance(note, robot_notes.MissingTerm)} == effects
 
 
+def test_a_clock_that_is_far_off_explains_the_scale_of_the_torques(moved: Log) -> None:
+    findings = run_checks(ARM, {"train": {"one": replace(moved, t=0.5 * moved.t)}}).findings
+    (clock,) = (finding.message for finding in findings if isinstance(finding.message, robot_notes.ClockWrong))
+    assert clock.value == pytest.approx(2.0, rel=0.05)
+    assert not [finding for finding in findings if isinstance(finding.message, file_notes.OddScale)]
+
+
 @pytest.mark.parametrize("dead", [0, 2])
 def test_a_dead_torque_explains_itself_and_spoils_nothing_of_the_others(dead: int, moved: Log, sound_arm) -> None:
     silent = replace(moved, tau=moved.tau * (np.arange(3) != dead))

@@ -29,7 +29,7 @@ from dynident.checks.motion import (
 )
 from dynident.checks.motion_notes import HardlyMoves, SearchKind, SearchLeftOut
 from dynident.checks.robot import LinkFacts, RobotJointFacts, check_robot, gravity_findings, link_facts
-from dynident.checks.robot_notes import LeftAtReversals, MissingTerm, Unexplained
+from dynident.checks.robot_notes import ClockWrong, LeftAtReversals, MissingTerm, Unexplained
 from dynident.checks.stamps import MINIMUM_SAMPLES, Timing, radian_findings, thin_regression, timing
 from dynident.checks.torque import Agreement, agreement, agreement_findings, loop_findings
 from dynident.estimators import LeastSquares
@@ -48,6 +48,7 @@ PLAIN_ESTIMATOR = LeastSquares()
 # found by trying alternatives
 LARGE_FAULTS = (JointsSwapped, ColumnReversed, OtherZero, MotorCoupled, OtherAxis, OtherGravity)
 WRONG_TORQUES = (OtherGravity, PerhapsRadians)  # beside which torques are those of no other fault
+MAX_CLOCK_ERROR = 0.4  # s of a second: beyond, accelerations are too wrong to tell anything of inertias
 # explain by themselves what a fit leaves of a joint's torque
 SILENT_TORQUES = (channel_notes.ConstantTorque, FrozenTorque)
 STILL_JOINTS = (channel_notes.NeverMoves, HardlyMoves)
@@ -311,7 +312,9 @@ class _CheckRun:
             right = joints_of_right_gain(model, motions, recipe.filter, self.selection.min_speed)
             findings[:] = [x for x in findings if not (isinstance(x.message, file_notes.OddScale) and x.joint in right)]
         # a fault explains others: the torque of the file's inertias was that of another motion or arm
-        if any(isinstance(finding.message, LARGE_FAULTS) for finding in faults):
+        notes = [finding.message for finding in faults]
+        clocks = [note.value for note in notes if isinstance(note, ClockWrong)]
+        if any(isinstance(note, LARGE_FAULTS) for note in notes) or any(abs(x - 1.0) > MAX_CLOCK_ERROR for x in clocks):
             following = (file_notes.ReversedSign, file_notes.UnrelatedTorque, file_notes.OddScale, GravityCompensated)
             findings[:] = [finding for finding in findings if not isinstance(finding.message, following)]
         if any(isinstance(finding.message, GravityCompensated) for finding in findings):

@@ -78,6 +78,15 @@ def test_a_column_that_is_reversed(channel: AffectedColumns, joint: int) -> None
     assert (entry.joint, entry.message.channel) == (f"j{joint + 1}", channel)
 
 
+def test_motors_that_are_reversed() -> None:
+    model = arm(text(axis=(0, 0, 1)))
+    right, sign = motion(model=model), np.array([-1.0, -1.0, 1.0])
+    wrong = replace(right, **{name: sign * getattr(right, name) for name in NAMES[AffectedColumns.BOTH]})
+    (entry,) = found(wrong, model)
+    assert isinstance(entry.message, ColumnReversed)
+    assert (entry.joint, entry.message.others, entry.message.channel) == ("j1", ("j2",), AffectedColumns.BOTH)
+
+
 def test_an_axis_that_is_another() -> None:
     (entry,) = found(model=arm(text(axis=(1, 0, 0))))
     assert isinstance(entry.message, OtherAxis)

@@ -38,6 +38,12 @@ CASES = {
     "dead torque": ({"tau": np.zeros((N, 1))}, "warning", "elbow", channel_notes.ConstantTorque(0.0)),
     "degrees": ({"q": 90 * np.sin(2 * T)[:, None]}, "error", "elbow", channel_notes.PerhapsDegrees(180.0, 180.0)),
     "fast": ({"q": 4 * np.sin(12 * T)[:, None]}, "error", "elbow", channel_notes.PerhapsDegrees(8.0, 47.88)),
+    "unordered": (
+        {"q": np.random.default_rng(3).permutation(np.sin(2 * T))[:, None]},
+        "error",
+        None,
+        channel_notes.UnorderedRows(),
+    ),
     "quantised": ({"q": COARSE}, "warning", "elbow", channel_notes.QuantisedPosition(0.001, 10.0)),
 }
 

@@ -14,7 +14,7 @@ from dynident.checks.motion_notes import SearchKind, SearchLeftOut
 from dynident.identification import Recipe
 from dynident.identification.calibration import with_plain_terms
 from dynident.models import Model, RigidBodies, Term
-from dynident.models.friction import Coulomb, Viscous
+from dynident.models.friction import Coulomb, LoadCoulomb, Viscous
 from dynident.models.lagrangian import slider
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Difference, Smoother
@@ -172,6 +172,22 @@ def test_a_torque_without_friction_is_said_where_none_was_chosen(moved: Log) -> 
     logs = {"train": {"one": replace(moved, tau=tau)}}
     assert "friction" not in topics(run_checks(bare, logs))
     assert "friction" in topics(run_checks(bare, logs, plain=with_plain_terms(bare)))
+
+
+def test_friction_by_the_load_is_missing_only_where_the_model_lacks_it(moved: Log) -> None:
+    motion, bodies = moving_arm.MOVED, Model(ARM.terms[:1])
+    load = bodies.torque(motion.q, motion.dq, motion.ddq, moving_arm.truth(bodies))
+    logs = {"train": {"one": replace(moved, tau=moved.tau + 0.3 * np.abs(load) * np.sign(motion.dq))}}
+    for model, effects in ((ARM, {"LOAD"}), (Model((*ARM.terms, LoadCoulomb(ARM.joints))), set())):
+        notes = [finding.message for finding in run_checks(model, logs).findings]
+        assert {note.effect.name for note in notes if isinstance(note, robot_notes.MissingTerm)} == effects
+
+
+def test_a_clock_that_is_far_off_explains_the_scale_of_the_torques(moved: Log) -> None:
+    findings = run_checks(ARM, {"train": {"one": replace(moved, t=0.5 * moved.t)}}).findings
+    (clock,) = (finding.message for finding in findings if isinstance(finding.message, robot_notes.ClockWrong))
+    assert clock.value == pytest.approx(2.0, rel=0.05)
+    assert not [finding for finding in findings if isinstance(finding.message, file_notes.OddScale)]
 
 
 @pytest.mark.parametrize("dead", [0, 2])

@@ -13,7 +13,7 @@ from dynident.checks.missing import TRIED_KINDS, faster_case, find_missing_effec
 from dynident.checks.robot_notes import LeftAtReversals, MissingTerm, TermKind
 from dynident.identification.terms import TermChoice, TermTrial, TrialOutcome, library_kinds
 from dynident.models import Model
-from dynident.models.friction import Ripple
+from dynident.models.friction import LoadCoulomb, Ripple
 from dynident.motion.log import Motion
 from dynident.runtime import Finding, Severity
 from tests.checks.moving_arm import MOVED, VALUES, arm, case, motion, truth, with_torque
@@ -55,6 +55,14 @@ def test_an_effect_of_one_joint_is_named_with_its_size(kind: TermKind) -> None:
     assert note.period == pytest.approx(2 * np.pi / 17.3 if kind is TermKind.RIPPLE else 0.0, rel=1e-3)
     if kind is TermKind.SATURATION:  # costs no more than was seen
         assert 0.0 < note.cost < 100 * 0.06 * np.square(TAU).max() / np.mean(TAU**2)
+
+
+def test_a_gear_loss_is_not_named_where_the_model_has_friction_by_the_load() -> None:
+    full = Model((*arm().terms, LoadCoulomb(arm().joints)))
+    model = full.with_load([x.value or 0.0 for x in full.parameters])
+    moved = model.remembering(with_torque(EFFECTS[TermKind.GEAR_LOSS][1]))
+    notes = [finding.message for finding in explain_residual(case(moved, model))]
+    assert TermKind.GEAR_LOSS not in [note.effect for note in notes if isinstance(note, MissingTerm)]
 
 
 @pytest.mark.parametrize("kind", LEFT_OUT)

@@ -17,7 +17,8 @@ from tests.classes import classes_of
 OTHERS = tuple(robot_notes.Rival(f"j{k}", x, 0.1) for k, x in enumerate(robot_notes.SuspectQuantity))
 ROBOT_NOTES = [
     *(file_notes.JointsSwapped(("a", "b"), channel, 30.0, 2.0) for channel in AffectedColumns),
-    *(file_notes.ColumnReversed(channel, 30.0, 2.0) for channel in AffectedColumns),
+    *(file_notes.ColumnReversed(channel, (), 30.0, 2.0) for channel in AffectedColumns),
+    file_notes.ColumnReversed(AffectedColumns.BOTH, ("elbow", "wrist"), 30.0, 2.0),
     file_notes.OtherZero(-90, 30.0, 2.0),
     *(file_notes.MotorCoupled("a", "b", sign, channel, 30.0, 2.0) for sign in (1, -1) for channel in AffectedColumns),
     file_notes.OtherAxis((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), 30.0, 2.0),
@@ -44,6 +45,7 @@ NOTES = [
     channel_notes.UnevenSteps(0.17, 0.005006, 0.00461, 0.0103),
     channel_notes.NeverMoves(2, 0.0),
     channel_notes.PerhapsDegrees(8.0, 47.88),
+    channel_notes.UnorderedRows(),
     channel_notes.QuantisedPosition(1e-3, 10.0),
     channel_notes.ConstantTorque(1.0),
     channel_notes.ArmAtRest(2.5, 4.0),

@@ -31,6 +31,12 @@ TEXTS = {
         "t;q;n;m\n[s];deg;-;[0.1 %]\n0;1.5;2;4\n1;2;3;5\n",
         {"t [s]": [0, 1], "q [deg]": [1.5, 2], "n": [2, 3], "m [0.1 %]": [4, 5]},
     ),
+    "names in two lines": (
+        "t,q,q,tau,tau\n,pan_joint,lift,pan_joint,lift\n0,1,2,3,4\n",
+        {"t": [0], "q.pan_joint": [1], "q.lift": [2], "tau.pan_joint": [3], "tau.lift": [4]},
+    ),
+    "texts without names": ("5,a,1.5\n6,a,2.5\n", {"0": [5, 6], "2": [1.5, 2.5]}),
+    "numbers as names": ("id,1,2\na,1.5,3\nb,2.5,4\n", {"1": [1.5, 2.5], "2": [3, 4]}),
     "a title": (
         "Robot: IRB 1200, No. 17\nTest signals\nSampling\t4 ms\nt\tq\tn\n[s]\tdeg\t-\n0\t1.5\t2\n1\t2\t3\n",
         {"t [s]": [0, 1], "q [deg]": [1.5, 2], "n": [2, 3]},
@@ -49,6 +55,10 @@ TEXTS = {
         {"t": [0, 1], "a.q": [1, 3], "b.q": [2, 4]},
     ),
     "a row for each number": ("t,q,id\n0,5,2\n0,6,1\n1,7,2\n1,8,1\n", {"t": [0, 1], "2.q": [5, 7], "1.q": [6, 8]}),
+    "runs of equal length": (
+        "run,t,q\n1,0,5\n1,1,6\n1,2,7\n2,0,8\n2,1,9\n2,2,5\n",
+        {"run": [1, 1, 1, 2, 2, 2], "t": [0, 1, 2, 0, 1, 2], "q": [5, 6, 7, 8, 9, 5]},
+    ),
     "a bit that toggles": ("t,q,bit\n0,5,1\n1,6,0\n", {"t": [0, 1], "q": [5, 6], "bit": [1, 0]}),
     "seconds and nanoseconds": (
         "header.stamp.sec,header.stamp.nanosec,q\n5,999999999,1\n6,1000000,2\n",

@@ -43,6 +43,8 @@ def test_episodes_in_one_file_are_named_where_the_time_runs_back(tmp_path):
     stamps = np.append(np.arange(51), np.arange(50)) * 0.01
     with pytest.raises(InputError, match=r"several recordings, by 'episode_index'\? Then write each to a file"):
         dated(tmp_path, "s", t=stamps, episode_index=[0] * 51 + [1] * 50)
+    with pytest.raises(InputError, match=r"several recordings, by 'run'\? Then write each to a file"):
+        dated(tmp_path, "s", t=stamps, q_set=stamps, run=["train"] * 51 + ["test"] * 50)
     with pytest.raises(InputError, match=r"such row\); the clock was set back there, or another recording"):
         dated(tmp_path, "s", t=stamps)
 

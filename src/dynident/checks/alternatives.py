@@ -158,7 +158,7 @@ class _NormalEquations(Noun):
 
 def _alternatives(case: FitCase) -> Iterator[Alternative]:
     return chain(
-        *(_swap_columns(case), _reverse_signs(case), _turn_zeros(case), _couple_motors(case)),
+        *(_swap_columns(case), _reverse_signs(case), _reverse_drives(case), _turn_zeros(case), _couple_motors(case)),
         *(_turn_axes(case), _turn_gravity(case)),
     )
 
@@ -181,7 +181,26 @@ def _reverse_signs(case: FitCase) -> Iterator[Alternative]:
     for j, joint in enumerate(case.model.joints):
         sign = np.where(np.arange(len(case.model.joints)) == j, -1.0, 1.0)
         for channel, reversed_case in _transform_columns(case, sign=sign):
-            yield Alternative(reversed_case, joint.name, partial(file_notes.ColumnReversed, channel))
+            yield Alternative(reversed_case, joint.name, partial(file_notes.ColumnReversed, channel, ()))
+
+
+def _reverse_drives(case: FitCase) -> Iterator[Alternative]:
+    """Yield the case with several motors reversed, if that of one after the other lowers the error."""
+    # position and torque are reversed, as by gear ratios without their signs
+    sign, best, error = np.ones(case.q.shape[1]), case, _NormalEquations(case).error(case.tau)
+    for _ in sign:
+        trials = []
+        for flip in 1.0 - 2.0 * np.eye(len(sign)):
+            *_, (_, reversed_case) = _transform_columns(case, sign=sign * flip)
+            trials.append((_NormalEquations(reversed_case).error(reversed_case.tau), flip, reversed_case))
+        lowest, flip, changed = min(trials, key=lambda trial: trial[0])
+        if MAX_TIE_RATIO * lowest > error:
+            break
+        sign, best, error = sign * flip, changed, lowest
+    names = [joint.name for joint, x in zip(case.model.joints, sign, strict=True) if x < 0]
+    if len(names) > 1:
+        note = partial(file_notes.ColumnReversed, AffectedColumns.BOTH, tuple(names[1:]))
+        yield Alternative(best, names[0], note)
 
 
 def _transform_columns(

@@ -93,6 +93,19 @@ class PerhapsDegrees(Note):
         )
 
 
+class UnorderedRows(Note):
+    """Successive positions of every joint differ as much as any two."""
+
+    severity = Severity.ERROR
+    topic = "order"
+
+    def __str__(self) -> str:
+        return (
+            "successive positions differ as much as any two, so that they show no motion: the rows are not in order of "
+            "time, or too far apart. Sort them by time; if they were drawn at random, take the whole recording."
+        )
+
+
 class QuantisedPosition(Note):
     """Most samples of a position differ by fewer than ``counts`` steps of ``resolution`` (rad or m)."""
 

@@ -223,11 +223,11 @@ def check_log(
     missing = [name for name in log.joints if name not in kinds]
     if missing:
         raise InputError(f"{log.source}: joint {missing[0]!r} has no kind; give 'revolute' or 'prismatic'.")
-    clock = list(stamps.time_unit_findings(log))
+    clock = [*stamps.order_findings(log), *stamps.time_unit_findings(log)]
     wraps = [x for x in jump_findings(log) if isinstance(x.message, channel_notes.WrappedPosition)]
     findings, wrapped = [*stamps.step_findings(log), *clock, *wraps], [finding.joint for finding in wraps]
     for j, name in enumerate(log.joints):
-        # an angle may be in degrees only where the joint neither turns often nor wraps, and the time unit is right
+        # an angle may be in degrees only where the joint neither turns often nor wraps, and the time is right
         turns = kinds[name] == "revolute" and name not in multi_turn and not clock and name not in wrapped
         findings += _joint_findings(log, j, turns=turns, torque=torque)
     return tuple(findings)

@@ -29,12 +29,12 @@ from dynident.checks.motion import (
 )
 from dynident.checks.motion_notes import HardlyMoves, SearchKind, SearchLeftOut
 from dynident.checks.robot import LinkFacts, RobotJointFacts, check_robot, gravity_findings, link_facts
-from dynident.checks.robot_notes import LeftAtReversals, MissingTerm, Unexplained
+from dynident.checks.robot_notes import ClockWrong, LeftAtReversals, MissingTerm, Unexplained
 from dynident.checks.stamps import MINIMUM_SAMPLES, Timing, radian_findings, thin_regression, timing
 from dynident.checks.torque import Agreement, agreement, agreement_findings, loop_findings
 from dynident.estimators import LeastSquares
 from dynident.identification import BaseTilt, Identification, Recipe, align_motion, find_base_tilt, tilt_base
-from dynident.identification.calibration import preliminary_setup, with_plain_terms
+from dynident.identification.calibration import preliminary_setup, with_load, with_plain_terms
 from dynident.identification.outliers import torque_outliers, without_outliers
 from dynident.models import Model
 from dynident.motion.log import Log, Motion, thin_motions
@@ -48,6 +48,7 @@ PLAIN_ESTIMATOR = LeastSquares()
 # found by trying alternatives
 LARGE_FAULTS = (JointsSwapped, ColumnReversed, OtherZero, MotorCoupled, OtherAxis, OtherGravity)
 WRONG_TORQUES = (OtherGravity, PerhapsRadians)  # beside which torques are those of no other fault
+MAX_CLOCK_ERROR = 0.4  # s of a second: beyond, accelerations are too wrong to tell anything of inertias
 # explain by themselves what a fit leaves of a joint's torque
 SILENT_TORQUES = (channel_notes.ConstantTorque, FrozenTorque)
 STILL_JOINTS = (channel_notes.NeverMoves, HardlyMoves)
@@ -123,8 +124,7 @@ def run_checks(
     joints = tuple(joint.name for joint in model.joints)
     findings = [*initial_findings, *_file_findings(model, joints)]
     recipe = recipe or Recipe()
-    model, _ = preliminary_setup(model, recipe)
-    run = _CheckRun(model, recipe, plain, findings)
+    run = _CheckRun(preliminary_setup(model, recipe)[0], recipe, plain, findings, model)
     with one_thread():
         result, valid_logs = run.check_logs(logs, multi_turn, described=described)
         findings += repeat_findings(logs)
@@ -179,13 +179,15 @@ def with_findings(
 class _CheckRun:
     """The checks of a model under a recipe: ``findings`` gathers what they find.
 
-    ``plain`` is the model without terms that were chosen on the logs, None where none were.
+    ``plain`` is the model without terms that were chosen on the logs, None where none were; ``complete`` is the model
+    with the terms that remember a load which is not known yet.
     """
 
     model: Model
     recipe: Recipe
     plain: Model | None
     findings: list[Finding]
+    complete: Model
 
     @property
     def selection(self) -> Selection:
@@ -251,6 +253,10 @@ class _CheckRun:
             }
             result = replace(result, channels={**result.channels, **clean})
             all_motions = [without_outliers(*entry) for entry in zip(all_motions, outliers, all_logs, strict=True)]
+        if recipe.terms is None:
+            # what terms remember of the load is not missing
+            model = with_load(self.complete, model, tuple(all_motions[: len(logs)]), PLAIN_ESTIMATOR, selection)
+            all_motions = [model.remembering(motion) for motion in all_motions]
         motions = tuple(all_motions[: len(logs)])
         regression = Regression(model, motions, selection)
         rank = excited_rank(model, regression, recipe.unfitted)  # an error where few are usable
@@ -267,7 +273,8 @@ class _CheckRun:
         # where there is no friction, none was chosen
         findings += friction_findings(thin_regression(self.plain or model, motions, selection.min_speed))
         findings += rank_findings(rank)
-        self.find_robot_faults(motions, {motion.source: motion for motion in all_motions[len(logs) :]})
+        held_out = {motion.source: motion for motion in all_motions[len(logs) :]}
+        replace(self, model=model).find_robot_faults(motions, held_out)
         return replace(result, excitations=excitations, agreements=agreements, rank=rank)
 
     def smooth_logs(self, valid_logs: Mapping[str, Sequence[Log]]) -> dict[str, dict[str, Motion]]:
@@ -305,7 +312,9 @@ class _CheckRun:
             right = joints_of_right_gain(model, motions, recipe.filter, self.selection.min_speed)
             findings[:] = [x for x in findings if not (isinstance(x.message, file_notes.OddScale) and x.joint in right)]
         # a fault explains others: the torque of the file's inertias was that of another motion or arm
-        if any(isinstance(finding.message, LARGE_FAULTS) for finding in faults):
+        notes = [finding.message for finding in faults]
+        clocks = [note.value for note in notes if isinstance(note, ClockWrong)]
+        if any(isinstance(note, LARGE_FAULTS) for note in notes) or any(abs(x - 1.0) > MAX_CLOCK_ERROR for x in clocks):
             following = (file_notes.ReversedSign, file_notes.UnrelatedTorque, file_notes.OddScale, GravityCompensated)
             findings[:] = [finding for finding in findings if not isinstance(finding.message, following)]
         if any(isinstance(finding.message, GravityCompensated) for finding in findings):

@@ -40,6 +40,7 @@ from dynident.checks.suspects import (
 )
 from dynident.identification import BaseTilt, tilt_base
 from dynident.models import Model
+from dynident.models.friction import LoadCoulomb
 from dynident.motion.log import Motion, subsample
 from dynident.regression import ParallelFilter
 from dynident.regression.whitening import long_run
@@ -232,7 +233,9 @@ def explain_residual(case: FitCase, tilt: BaseTilt | None = None) -> Iterator[Fi
     names = tuple(joint.name for joint in case.model.joints)
     model = case.model
     suspects = [*geometry_suspects(model), *gain_suspects(model), *gear_suspects(model), clock_suspect()]
-    named_effects: set[tuple[TermKind, int]] = set()
+    # friction by the load of the bodies is as much of a gear's loss as a term has
+    losses = [term for term in model.terms if isinstance(term, LoadCoulomb)]
+    named_effects = {(TermKind.GEAR_LOSS, names.index(name)) for term in losses for name in term.acts_on}
     for k in range(MAX_CAUSES + 1):
         report_progress(Step(STEP_TEXT, k, MAX_CAUSES + 1))
         fit = misfit(case)

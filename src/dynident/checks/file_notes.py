@@ -297,10 +297,7 @@ class AffectedColumns(WordedEnum):
 
 
 class JointsSwapped(Note):
-    """The columns of two or more joints fit better if each has those of the next, and the last those of the first.
-
-    ``before`` and ``after`` are the errors (%) of the torque, mean over the joints.
-    """
+    """Columns fit better if each joint has those of the next, in a cycle; ``before``, ``after``: mean errors (%)."""
 
     topic = "swapped"
     forbids = Use.CONTROL
@@ -318,19 +315,21 @@ class JointsSwapped(Note):
 
 
 class ColumnReversed(Note):
-    """The columns of a joint fit with the other sign; errors (%) as above."""
+    """The columns of a joint, and of ``others``, fit with the other sign; errors (%) as above."""
 
     topic = "sign"
     forbids = Use.CONTROL
     channel: AffectedColumns
+    others: tuple[str, ...]
     before: float
     after: float
 
     def __str__(self) -> str:
         verb = "have" if self.channel is AffectedColumns.BOTH else "has"
         return (
-            f"{self.channel.value} {verb} the opposite sign? With it reversed "
-            f"{_error_change(self.before, self.after)}. Set a negative `gain`, or reverse the axis in the robot file."
+            f"{self.channel.value} {verb} the opposite sign{', as those of ' if self.others else ''}"
+            f"{', '.join(self.others)}? With it reversed {_error_change(self.before, self.after)}. "
+            "Set a negative `gain`, or reverse the axis in the robot file."
         )
 
 

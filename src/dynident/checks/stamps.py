@@ -205,6 +205,7 @@ USUAL_RATES = (20.0, 5e4)  # Hz, of recordings of robots
 MIN_RATE, MAX_RATE = 6.0, 1e5  # Hz: beyond, a unit is suspected
 USUAL_SPEEDS = (0.01, 40.0)  # rad/s, m/s, of motions that show dynamics
 MAX_SPAN, MAX_SPEED = 20.0, 20.0  # m, m/s: beyond, a length is in millimetres
+MIN_ORDERED_SPAN = 0.1  # rad, m: noise alone does not span it
 MAX_RADIAN_SPAN = 0.3  # rad: where all joints move less, their angles may be radians declared as degrees
 MAX_DEGREE_ERROR_RATIO = 0.95  # of the error: a smaller one tells the unit
 MAX_JOINT_DEGREE_ERROR_RATIO = 0.5  # the same of one joint, which may well move less than others
@@ -222,6 +223,14 @@ def time_unit_findings(log: Log) -> Iterator[Finding]:
         if is_usual and USUAL_SPEEDS[0] <= speed / factor <= USUAL_SPEEDS[1]:
             yield Finding(channel_notes.WrongTimeUnit(1 / step, speed, factor))
             return
+
+
+def order_findings(log: Log) -> Iterator[Finding]:
+    """Yield an error where successive positions of all joints are not related; noise at rest is no motion."""
+    moving = log.q[:, np.ptp(log.q, axis=0) > MIN_ORDERED_SPAN]
+    # in units of its variance the mean squared step is 2 for independent rows, and nearly 0 for a motion
+    if moving.size and (np.mean(np.diff(moving, axis=0) ** 2, axis=0) > np.var(moving, axis=0)).all():
+        yield Finding(channel_notes.UnorderedRows())
 
 
 def percentile_speed(t: Array, q: Array, samples: int = 5) -> float:

@@ -52,7 +52,8 @@ def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  
     longest = max((line for _, line in body[1:][-3:] or body), key=len)
     separator = _find_separator(longest)
     body = _drop_title(body, len(row_cells(longest, separator)), separator)
-    names, header = _find_header(body[0][1], [line for k, line in lines if k < body[0][0]], separator)
+    comments = [line for k, line in lines if k < body[0][0]]
+    names, header = _find_header(body[0][1], comments, separator, body[1][1] if len(body) > 1 else "")
     heads, body = body[:header], body[header:]
     if header and body and (units := unit_row(body[0][1], names, separator)) is not None:
         names, heads, body = units, [*heads, body[0]], body[1:]
@@ -106,26 +107,37 @@ def _drop_title(body: list[tuple[int, str]], width: int, separator: str | None) 
     return body
 
 
-def _find_header(line: str, comments: list[str], separator: str | None) -> tuple[list[str], bool]:
+def _find_header(line: str, comments: list[str], separator: str | None, next_line: str = "") -> tuple[list[str], bool]:
     """Return the column names, and whether the first line has them; else the last comment may have them."""
-    cells = row_cells(line, separator)
-    numbers = [_is_number(cell) or is_stamp(cell) for cell in cells]
+    cells, numbers = row_cells(line, separator), _numeric_cells(line, separator)
     # some recorders write the names of the columns in a comment
     comment_cells = row_cells(comments[-1].strip().lstrip("#% "), separator) if comments else []
     is_named_by_comment = len(comment_cells) == len(cells) and not any(
         _NUMBER.fullmatch(cell) for cell in comment_cells
     )
-    if not all(numbers) and not (
-        is_named_by_comment and separator and any(numbers)
-    ):  # a row may have texts, as names of joints
+    # a row may have texts, as names of joints; without names, the next line is like it, and no name is a decimal
+    has_decimals = any("." in cell for cell, number in zip(cells, numbers, strict=True) if number)
+    is_row = is_named_by_comment or (has_decimals and numbers == _numeric_cells(next_line, separator))
+    if not all(numbers) and not (is_row and separator and any(numbers)):
         return cells, True
     return (comment_cells if len(comment_cells) == len(cells) else [str(k) for k in range(len(cells))]), False
 
 
+def _numeric_cells(line: str, separator: str | None) -> list[bool]:
+    return [_is_number(cell) or is_stamp(cell) for cell in row_cells(line, separator)]
+
+
 def unit_row(line: str, names: list[str], separator: str | None) -> list[str] | None:
-    """Return the names with the units of the line below them, as ``name [unit]``; None where it has no units."""
+    """Return the names with the units of the line below them, as ``name [unit]``; None where it has no units.
+
+    Where names are repeated, the line below tells them apart, as ``name.joint``.
+    """
     cells = row_cells(line, separator)
-    if len(cells) != len(names) or not any(_UNIT_CELL.fullmatch(cell) for cell in cells):
+    if len(cells) != len(names):
+        return None
+    if len(set(names)) < len(names) and not any(cell and _is_number(cell) for cell in cells):
+        return [f"{name}.{cell}" if cell else name for name, cell in zip(names, cells, strict=True)]
+    if not any(_UNIT_CELL.fullmatch(cell) for cell in cells):
         return None
     if any(cell and not _UNIT_CELL.fullmatch(cell) for cell in cells):
         return None
@@ -237,7 +249,8 @@ def _check_distinct(names: list[str], source: str) -> list[str]:
     for k, name in enumerate(names):
         if first_index.setdefault(name, k) < k:
             raise InputError(
-                f"{source}: columns {first_index[name] + 1} and {k + 1} are both named {name!r}; rename one of them."
+                f"{source}: columns {first_index[name] + 1} and {k + 1} are both named {name!r}; "
+                "give each column a name of its own, in one line."
             )
     return names
 
@@ -298,7 +311,14 @@ def _gather_keys(
     """
     for key_name, values in {**texts, **columns}.items():
         n = 1 + int(np.argmax(values[1:] == values[0])) if len(values) > 1 else 1
-        if n == 1 or len(values) % n or (values[n:] != values[:-n]).any() or len(set(values[:n])) < n:
+        # more times than keys: stamps repeat, too, in runs of one length
+        if (
+            n == 1
+            or len(values) % n
+            or len(values) < n * n
+            or (values[n:] != values[:-n]).any()
+            or len(set(values[:n])) < n
+        ):
             continue
         blocks = {name: column.reshape(-1, n) for name, column in columns.items() if name != key_name}
         alike = {name for name, block in blocks.items() if (block == block[:, :1]).all()}

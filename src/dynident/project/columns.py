@@ -40,7 +40,8 @@ _UNIT_ROLES = {  # units that tell the role too
     "ma": "current",
 }
 _UNIT = re.compile(
-    r"[\[(]\s*(?P<bracket>[^\W\d][^\])\d]*|[°%])\s*[\])]|(?<=[\W_])(?P<tail>[^\W\d_]+|[°%])(?=[\W_]*\d*[\W_]*$)"
+    r"[\[(]\s*(?P<bracket>[^\W\d][^\])\d]*|[°%])\s*[\])]|(?<=[\W_])(?P<tail>[^\W\d_]{2,}|[°%aA])(?=[\W_]*\d*[\W_]*$)"
+    r"|(?<=[\W_])(?P<letter>[^\W\d_])(?=[\W_]*$)"  # the m of enc_m1 is a motor
 )
 _STATED = re.compile(rf"\[\s*((?:{FACTOR}\s*)?[^\]\d]+?)\s*\]|(%|percent)", re.IGNORECASE)
 _FACTOR_AND_UNIT = re.compile(rf"([\[(])\s*({FACTOR})\s*((?:[^\W\d]|[°%])[^\])\d]*[\])])")
@@ -59,10 +60,12 @@ def _word_set(text: str) -> frozenset[str]:
 
 
 _ROLES: Mapping[str, frozenset[str]] = {  # the first that a name has is its role
-    "acceleration": _word_set("ddq qdd qacc acc accel acceleration accelerations ddtheta qddot beschleunigung 加速度"),
+    "acceleration": _word_set(
+        "ddq qdd ddot qacc acc accel acceleration accelerations ddtheta qddot beschleunigung 加速度"
+    ),
     "velocity": _word_set(
-        "dq qd qvel vel velocity velocities speed speeds qdot dtheta omega geschwindigkeit drehzahl vitesse velocidad "
-        "速度"
+        "dq qd dot qvel vel velocity velocities speed speeds qdot dtheta omega geschwindigkeit drehzahl vitesse "
+        "velocidad 速度"
     ),
     "current": _word_set("current currents cur curr iq amp amps ampere i strom courant corriente 电流"),
     "torque": _word_set(
@@ -72,7 +75,7 @@ _ROLES: Mapping[str, frozenset[str]] = {  # the first that a name has is its rol
         "q qpos pos position positions angle angles ang theta th phi enc encoder encoders qm winkel posicion posizione "
         "角度 位置"
     ),
-    "time": _word_set("t ts time times stamp stamps timestamp timestamps clock secs zeit temps tiempo tempo 时间"),
+    "time": _word_set("t ts time times tout stamp stamps timestamp timestamps clock secs zeit temps tiempo tempo 时间"),
 }
 _COMMANDED_WORDS = _word_set(
     "cmd command commands commanded des desired target targets ref reference goal setpoint sp d nominal plan planned "
@@ -81,10 +84,10 @@ _COMMANDED_WORDS = _word_set(
 _MEASURED_WORDS = _word_set(
     "meas measured actual act fb feedback msr real sensed raw state read ist istwert 实际 测量 反馈"
 )
-_FILTERED_WORDS = _word_set("filt filtered smooth smoothed est estimated hat lp")
+_FILTERED_WORDS = _word_set("filt filtered smooth smoothed est estimated computed hat lp")
 _DERIVED_WORDS = _word_set(
     "err error errors ext external fric friction grav gravity model coriolis comp diff std var temp temperature limit "
-    "max min ff feedforward residual res tcp eef wrench cartesian ft "
+    "max min ff feedforward residual res tcp ee eef wrench cartesian ft "
     "bias passive constraint inverse"
 )
 _AFTER_PRESENT = _word_set("pos position positions angle angles torque torques effort efforts")
@@ -248,7 +251,7 @@ def _unit_in_name(column: str) -> tuple[str, tuple[str, ...]]:
     matches = list(_UNIT.finditer(column))
     if not matches:
         return "", ()
-    text = matches[-1]["bracket"] or matches[-1]["tail"]
+    text = next(filter(None, matches[-1].groups()))
     return re.sub(r"[\s*·⋅.-]", "", text).lower(), tokens(text)
 
 

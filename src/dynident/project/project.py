@@ -127,11 +127,10 @@ class Project(Noun):
         files = log_files(self.config)
         turning = turning_joints(self.config)
         identification = with_findings(identification, self.model, logs, self.recipe, multi_turn=turning)
-        # what reading has warned of may be among the findings as well
-        findings, remarks = _merge_remarks(identification.findings, remarks)
-        return self._with_provenance(
-            replace(identification, warnings=(*identification.notes, *findings)), (*self.model.notes, *remarks), files
-        )
+        # what reading has warned of may be among the findings as well, which tell of all joints and logs at once
+        said = set(map(str, identification.findings))
+        notes = (*self.model.notes, *(remark for remark in remarks if remark not in said))
+        return self._with_provenance(identification, notes, files)
 
     def _identify_at_once(
         self, executor: Executor | None
@@ -245,13 +244,6 @@ def run(path: str | Path, *, executor: Executor | None = None) -> Identification
     M 5.0
     """
     return read_project(path).identify(executor=executor)
-
-
-def _merge_remarks(findings: Sequence[Finding], remarks: Sequence[str]) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
-    """Return findings and remarks of reading, each said once: as a finding where it forbids a use, else as a remark."""
-    forbidding = {str(finding) for finding in findings if finding.forbids is not None}
-    repeated = set(remarks) - forbidding
-    return tuple(x for x in findings if str(x) not in repeated), tuple(x for x in remarks if x not in forbidding)
 
 
 def log_files(config: Config) -> tuple[SourceFile, ...]:

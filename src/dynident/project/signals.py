@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -27,7 +28,7 @@ from dynident.runtime import ConfigError, InputError, count
 from dynident.runtime.arrays import Array
 
 MIN_STEP_SHARE = 1e-4  # share of the usual step
-_EPISODE_COLUMNS = ("episode", "episode_index", "episode_id")
+_EPISODE_COLUMN = re.compile(r"(episode|run|set|split|trial|traj|trajectory)([ _.]?(index|idx|id|number|no))?")
 _MAX_VALUE = 1e100  # a larger value is damaged, and its square may overflow
 _MAX_DISORDER = 12  # usual steps by which rows that were exchanged run backwards
 _COUNTER_BITS = (16, 32)
@@ -274,8 +275,8 @@ def order_hint(column: Array) -> str:
 
 def _episode_hint(table: DataTable) -> str:
     """Return what to do where a column says that a file holds several recordings."""
-    names = (*table.columns, *table.unread)
-    name = next((name for name in names if name.lower().rpartition(".")[2] in _EPISODE_COLUMNS), None)
+    names = (*table.columns, *table.unread, *table.faults)
+    name = next((name for name in names if _EPISODE_COLUMN.fullmatch(name.lower().rpartition(".")[2])), None)
     if name is None:
         return ""
     return f"does the file hold several recordings, by {name!r}? Then write each to a file of its own; else "

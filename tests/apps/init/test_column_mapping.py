@@ -232,6 +232,20 @@ def test_rows_of_single_joints_are_named():
     assert not mapping.gaps
 
 
+def test_columns_of_joints_are_better_than_those_of_motors():
+    pairs = [(f"motor_pos_{k}", f"link_pos_{k}", f"motor_torque_{k}", f"joint_torque_{k}") for k in (1, 2)]
+    mapping = map_columns(table(**{name: wave(1.0) for pair in pairs for name in pair}), NUMBERED)
+    assert chosen(mapping) == ["link_pos_1", "link_pos_2", "joint_torque_1", "joint_torque_2"]
+    assert mapping.position["arm_joint1"].question == ""
+
+
+def test_signals_with_a_clock_of_their_own_have_the_time():
+    clocks = {"time": None, "q_out.time": T, "tau_out.time": T}
+    assert map_columns(table(**clocks, **signals()), NUMBERED).time.column == "q_out.time"
+    assert map_columns(table(**clocks | {"tau_out.time": T + 1}, **signals()), NUMBERED).time.column is None
+    assert map_columns(table(**clocks, tout=T, **signals()), NUMBERED).time.question == ""
+
+
 FINGER = MovableJoint("finger", "prismatic", RobotJointLimits(lower=0.01, upper=0.04))
 NAMED = signals(("shoulder_q", "elbow_q"), ("shoulder_tau", "elbow_tau"))
 
@@ -287,6 +301,19 @@ def test_joints_that_columns_of_text_name_are_not_matched_by_order():
     assert "is this order right" in map_columns(twice, ARM).position["elbow"].question
 
 
+def test_of_more_motors_than_joints_those_that_move_are_taken():
+    def motors(*moving):
+        sizes = [1.0 if k in moving else 1e-3 for k in range(5)]
+        columns = {f"motor_state[{k}].q": wave(size, k) for k, size in enumerate(sizes)}
+        return map_columns(table(**columns, **{f"motor_state[{k}].tau_est": wave(9.0, k) for k in range(5)}), ARM)
+
+    for mapping, (a, b) in ((motors(2, 3), (2, 3)), (motors(2, 4), (0, 1)), (motors(*range(5)), (0, 1))):
+        assert chosen(mapping) == [f"motor_state[{k}].{name}" for name in ("q", "tau_est") for k in (a, b)]
+        assert f"numbered 0 to 4 and the joints are called shoulder to elbow: are {a}, {b} theirs" in (
+            mapping.torque["elbow"].question
+        )
+
+
 def test_stamps_of_rows_written_twice_are_not_asked_about():
     twice = np.sort(np.append(T, T[50:200:50]))
     columns = {name: np.resize(values, len(twice)) for name, values in signals().items()}
@@ -327,6 +354,11 @@ def test_channels_of_one_mapping_are_equally_long():
 def test_gaps_are_seen():
     assert not map_columns(table(**signals()), NUMBERED).gaps
     assert map_columns(table(time=T + (T > 1), **signals()), NUMBERED).gaps
+    every_other, at_the_end = np.arange(N) % 2, np.arange(N) < N - 5
+    for is_filled, gaps, step in ((every_other, True, 0.02), (at_the_end, False, 0.01)):  # rows of other topics
+        columns = {name: np.where(is_filled, values, np.nan) for name, values in signals().items()}
+        mapping = map_columns(table(**columns), NUMBERED)
+        assert (mapping.gaps, mapping.time.step) == (gaps, pytest.approx(step))
 
 
 COLUMNS = ["t", "q1", "q2", "tau1", "tau2", "q_d1", "i1", "elbow.position", "0", "1", "2", "3", "4", "x"]

@@ -154,6 +154,18 @@ def test_what_cannot_be_guessed_is_to_be_filled_in(arm, tmp_path):
     succeed("check", "identify.yaml")
 
 
+def test_without_stamps_the_rate_is_that_at_which_other_columns_are_velocities(arm, tmp_path):
+    velocities = {"shoulder.velocity": -2 * np.sin(2 * T), "elbow.velocity": 3 * np.cos(3 * T)}
+    write(tmp_path / "a.csv", time=None, **velocities)
+    done = succeed("init", arm, "a.csv")
+    assert "time: no stamps were found; at 200 Hz other columns are the velocities" in done.output
+    config = parse_config((tmp_path / "identify.yaml").read_text())
+    assert (config.time.rate, config.train[0].window) == (200, ((None, 2.8),))
+    # velocities that do not agree tell no rate
+    write(tmp_path / "a.csv", time=None, **velocities | {"elbow.velocity": 9 * np.cos(3 * T)})
+    assert "Fill in:\n  time: the sampling rate" in succeed("init", arm, "a.csv", "--force").output
+
+
 def test_arrays_of_other_lengths_are_reported_and_those_along_rows_a_question(arm, tmp_path):
     np.savez(tmp_path / "a.npz", time=T, q=np.ones((2, N + 1)), tau=np.ones((N, 2)))
     done = run("init", arm, "a.npz")
@@ -208,7 +220,7 @@ def test_an_existing_file_is_kept_and_logs_of_other_columns_are_refused(arm, tmp
 def test_what_identify_would_warn_of_is_shown(arm, tmp_path):
     write(tmp_path / "a.csv", **{"elbow.effort": np.zeros(N)})
     assert "the torque is 0 throughout" in run("init", arm, "a.csv").output
-    write(tmp_path / "a.csv", **{"elbow.effort": np.where(T == 1, np.nan, 1.0)})
+    write(tmp_path / "a.csv", **{"elbow.effort": np.where(T == 1, np.inf, 1.0)})
     assert "the configuration cannot be used yet" in run("init", arm, "a.csv", "--force").output
 
 

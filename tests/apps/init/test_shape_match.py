@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -76,6 +77,13 @@ def test_blocks_are_found_in_any_order(kinds: tuple[str, ...]) -> None:
     assert all("is this order right?" in x.question for x in (*mapping.position.values(), *mapping.torque.values()))
     if "ddq" not in kinds or "dq" in kinds:  # accelerations without velocities are asked about, too
         assert all(("Why not" in value.question) == ("current" in kinds) for value in mapping.torque.values())
+
+
+def test_texts_beside_columns_without_names_tell_the_order_of_the_joints() -> None:
+    names = {f"text{k}": f"j{j}" for k, j in enumerate((3, 2, 1, 4, 5, 6))}
+    mapping = map_columns(replace(table(*(BLOCKS[kind] for kind in ("q", "dq", "tau"))), texts=names), JOINTS)
+    assert [mapping.position[f"j{k}"].column for k in (1, 2, 3, 4)] == ["3", "2", "1", "4"]
+    assert [mapping.torque[f"j{k}"].column for k in (1, 2, 3, 4)] == ["15", "14", "13", "16"]
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.identification.terms.candidates import TermTrial, TrialOutcome, library_kinds
+from dynident.identification.terms.candidates import TermGroup, TermTrial, TrialOutcome, library_kinds
 from dynident.identification.terms.grams import gain_share
-from dynident.identification.terms.search import JointSearch, TermEntry, TermGroup, _TrialResult
+from dynident.identification.terms.search import JointSearch, TermEntry, _TrialResult
 from dynident.models import Joint
 from dynident.models.friction import Coulomb
 
@@ -58,6 +58,36 @@ def test_what_enters(results, entered) -> None:
     search = ScriptedSearch(*results)
     search.forward(None)
     assert search.entered[-1].group.kind.name == entered
+
+
+class SpoiltSearch(JointSearch):
+    """A search in which all groups enter, and then two go that are good alone: each spoils the sign of the other."""
+
+    @property
+    def kinds(self) -> set[str]:
+        return {entry.group.kind.name for entry in self.entered}
+
+    def forward(self, _) -> None:
+        self.entered = [TermEntry(group, 0) for group in self.groups]
+
+    def backward(self, _) -> None:
+        spoilt = {"stribeck", "wide_coulomb"}
+        if spoilt <= self.kinds:
+            self.entered = [entry for entry in self.entered if entry.group.kind.name not in spoilt]
+            self.trials |= {x: TermTrial("j1", x, (), 80.0, 8.0, TrialOutcome.REDUNDANT) for x in spoilt}
+
+    def errors(self, _) -> np.ndarray:
+        return np.array([9.0 - 5.0 * ("wide_coulomb" in self.kinds) - 8.0 * ("stribeck" in self.kinds)])
+
+
+def test_of_two_terms_that_spoil_each_others_sign_the_better_one_stays() -> None:
+    groups = [result(name, EVEN).entered.group for name in ("stribeck", "wide_coulomb", "dahl")]
+    search = SpoiltSearch("j1", None, tuple(groups), None, 1.0)
+    search.forward(None)
+    search.backward(None)
+    assert search.kinds == {"dahl"}
+    search.exchange(None)
+    assert search.kinds == {"stribeck", "dahl"}
 
 
 def test_gains_are_shares_of_the_error_before_with_the_error_of_their_sum() -> None:

@@ -11,17 +11,15 @@ import numpy as np
 from dynident.apps.init.match import (
     Match,
     MovableJoint,
-    TimeColumn,
     best_pair,
-    finite_values,
-    has_gaps,
+    complete_rows,
     headerless_families,
     match_length,
-    time_column,
     turn_size,
 )
 from dynident.apps.init.servo_draft import command_columns
-from dynident.apps.init.shape_match import match_by_shape
+from dynident.apps.init.shape_match import match_by_shape, sampling_step
+from dynident.apps.init.stamps import TimeColumn, finite_values, has_gaps, time_column
 from dynident.files.tables import DataTable
 from dynident.identification import held_joints
 from dynident.project.columns import ColumnFamily, families, read_name, stated_unit
@@ -70,8 +68,8 @@ class ColumnMapping:
     ``still_joints`` are the locked joints that are recorded with position and torque but do not move. ``reasons``
     say how the columns of "position" and "torque" were matched. ``unused`` are columns of the same length without
     a use, and ``unknown_joints`` those of them that are positions of joints that the robot does not have.
-    ``gaps`` says whether the stamps have any. ``command`` has the commanded positions where there is no torque.
-    ``gravity`` (m/s^2) is that of a base that is mounted otherwise than the robot file has it, else None.
+    ``gaps`` says whether the stamps have any, or rows are empty. ``command`` has the commanded positions where there is
+    no torque. ``gravity`` (m/s^2) is that of a base that is mounted otherwise than the robot file has it, else None.
     """
 
     time: TimeColumn
@@ -120,6 +118,7 @@ def map_columns(
     if nameless:
         shape_matches = match_by_shape(table, usable)
         position, torque = shape_matches if all(shape_matches) else (position or shape_matches[0], torque)
+    table = complete_rows(table, (position, torque))
     # joints that never move are locked, unless this would leave none to identify
     names = _joints_to_identify(position, torque, usable)
     signals = _position_channels(table, usable, position, ros)
@@ -129,6 +128,8 @@ def map_columns(
     identified_joints = [joint for joint in usable if joint.name in names]
     rows = match_length(table, position or torque)
     time = time_column(table, column_families, rows, ros, nameless=nameless)
+    if time.column is None and position:
+        time = replace(time, step=sampling_step(table, position))
     commands = command_columns(table, usable, position) if torque is None else {}
     torques = _torque_channels(table, identified_joints, torque, ros)
     channels = [*signals.values(), *torques.values()]

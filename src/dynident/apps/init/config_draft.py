@@ -37,6 +37,11 @@ _GAIN_QUESTION = (
     "a known payload tell it"
 )
 
+_RATE_QUESTION = (
+    "no stamps were found; at {} Hz other columns are the velocities, in rad/s if the positions are in rad: is this "
+    "the sampling rate?"
+)
+
 
 @dataclass(frozen=True)
 class LogSource:
@@ -116,8 +121,8 @@ def check_same_columns(mapping: ColumnMapping, sources: Sequence[LogSource]) -> 
             if name not in source.table.columns:
                 raise InputError(
                     f"{source.table.source}: has no column {name!r}, unlike {sources[0].table.source}; "
-                    f"{choices(name, source.table.columns)} All logs of a configuration have the same columns. "
-                    "Files that make one log together are joined by a plus: q.csv+tau.csv."
+                    f"{choices(name, source.table.columns)} All logs of a configuration have the same columns: rename "
+                    "those of one. Files that make one log together are joined by a plus: q.csv+tau.csv."
                 )
 
 
@@ -149,7 +154,7 @@ def draft_config(
     _write_unused(page, mapping, sources[0].table)
     _write_logs(page, mapping, sources, folder)
     if mapping.gaps:
-        page.line("gaps: split  # the stamps have gaps; each piece is smoothed separately")
+        page.line("gaps: split  # the stamps have gaps, or rows are empty; each piece is smoothed separately")
     if not mapping.command:
         page.line("")
         page.line(
@@ -244,6 +249,10 @@ def _write_usual_limits(page: _Page, joints: Sequence[MovableJoint], mapping: Co
 def _write_time(page: _Page, mapping: ColumnMapping) -> None:
     page.line("")
     time = mapping.time
+    if time.column is None and time.step > 0:
+        rate = f"{1 / time.step:.4g}"
+        page.line(f"time: {{ rate: {rate} }}", "time", _RATE_QUESTION.format(rate))
+        return
     if time.column is None:
         page.request_entry(
             "time", "the sampling rate in Hz, or the column of the stamps and its unit; none was found", ""
@@ -365,9 +374,14 @@ def _cut_time(mapping: ColumnMapping, table: DataTable) -> str:
 
 def _times_and_positions(mapping: ColumnMapping, table: DataTable) -> Array:
     """Return the stamps (s) and the matched positions, (N, 1 + n), without impossible values; empty without stamps."""
-    names = [mapping.time.column, *(channel.column for channel in mapping.position.values() if channel.column)]
-    columns = [table.columns[name] for name in names if name is not None]
-    if mapping.time.column is None or len({len(column) for column in columns}) != 1:
+    columns = [table.columns[channel.column] for channel in mapping.position.values() if channel.column]
+    if mapping.time.column is not None:
+        columns = [table.columns[mapping.time.column], *columns]
+    elif mapping.time.step > 0:
+        columns = [np.arange(len(columns[0]), dtype=float) * mapping.time.step, *columns]
+    else:
+        return np.empty((0, 1))
+    if len({len(column) for column in columns}) != 1:
         return np.empty((0, 1))
     rows = np.column_stack(columns)
     # a single impossible value would dominate the range

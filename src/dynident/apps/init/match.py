@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -12,28 +11,21 @@ from typing import Any
 
 import numpy as np
 
+from dynident.apps.init.stamps import finite_values, is_increasing
 from dynident.files.tables import DataTable
 from dynident.files.xml_text import SUFFIXES
 from dynident.models.rigid_bodies import read_robot_file
 from dynident.models.robot_files import JointCoupling, RobotFile, RobotJointLimits
 from dynident.project.columns import ColumnFamily, tokens
 from dynident.project.config import load_model, robot_text
-from dynident.project.fields import UNITS, unit_factor, unit_size
+from dynident.project.fields import unit_size
 from dynident.runtime import ModelError
 from dynident.runtime.arrays import Array
 
-_MAX_VALUE = 1e100
 # turns: the step of an angle that starts anew, and the range of its values
 _MIN_JUMP_TURNS, _MIN_SPAN_TURNS = 0.9, 0.97
-
-_MIN_STEP, _MAX_STEP = 5e-5, 0.3  # s: sampling steps that are taken for granted
-# samples, and deviation of the steps, of a column that is a clock without being called so
-_MIN_CLOCK_SAMPLES, _MAX_STEP_DEVIATION = 30, 0.1
-_LONG_FORMAT_QUESTION = (
-    "most rows have the time of the row before: is there a better column? If each row is of another joint, write one "
-    "row for each time instead, with a column for each joint and quantity"
-)
-_GAP_RATIO = 12  # times the median step, as in the reading of logs
+_MOTOR_WORDS = {"motor", "motors", "rotor", "drive"}
+_MAX_STILL_SHARE = 0.1  # of the range of every motor that moves: a motor with less is none of the joints
 
 
 @dataclass(frozen=True)
@@ -80,7 +72,10 @@ def best_pair(
     quantities are never used, currents only where there are no torques.
     """
     joints_by_number, column_families = _stated_joints(table, joints), list(column_families)
-    numbers = next((keys for family in column_families if len(keys := _numbers(family)) == len(joints)), [])
+    of_positions = (family for family in column_families if family.role == "position")
+    moving = (_moving_numbers(table, family, len(joints)) for family in of_positions)
+    candidates = [*moving, *map(_numbers, column_families)]
+    numbers = next((keys for keys in candidates if len(keys) == len(joints)), [])
     family_matches = (
         match_family(family, joints, joints_by_number, numbers) for family in column_families if family.rank > -2
     )
@@ -104,6 +99,11 @@ def _has_length(match: Match, joints: Collection[str]) -> bool:
     return any(unit_size(units.get(column, ""), "length") for joint, column in match.columns.items() if joint in joints)
 
 
+def _is_of_motors(match: Match) -> bool:
+    """Return whether the columns are named as those of motors, which differ from those of joints by a gear."""
+    return not _MOTOR_WORDS.isdisjoint(tokens(next(iter(match.columns.values()))))
+
+
 def _pair_merit(pair: tuple[Match | None, Match | None]) -> tuple[float, ...]:
     """Return the sort key of a pair of positions and torques, the most important criterion first."""
     matches = [match for match in pair if match]
@@ -113,6 +113,7 @@ def _pair_merit(pair: tuple[Match | None, Match | None]) -> tuple[float, ...]:
         len(common),
         sum(match.family.rank for match in matches),
         any(match.family.role == "torque" for match in matches),
+        -sum(_is_of_motors(match) for match in matches),
         sum(bool(match.family.units) for match in matches),  # degrees rather than counts
         -sum(bool(match.question) for match in matches),
         pair[0] is not None,
@@ -126,7 +127,8 @@ def _ask_about_rivals(table: DataTable, match: Match | None, candidates: Iterabl
 
     def key(candidate: Match) -> tuple[Any, ...]:
         family, columns = candidate.family, candidate.columns
-        return family.role, family.rank, bool(family.units), set(columns), match_length(table, candidate)
+        length, of_motors = match_length(table, candidate), _is_of_motors(candidate)
+        return family.role, family.rank, of_motors, bool(family.units), set(columns), length
 
     # rivals are equal in all that the choice was made by, so that the order of the file decided
     others = (candidate for candidate in candidates if candidate is not match and key(candidate) == key(match))
@@ -150,6 +152,16 @@ def _numbers(family: ColumnFamily) -> list[int]:
     return sorted(key for key in family.columns if isinstance(key, int))
 
 
+def _moving_numbers(table: DataTable, family: ColumnFamily, count: int) -> list[int]:
+    """Return ``count`` successive numbers of columns that move, none where any other column does, too."""
+    columns = {k: finite_values(table.columns[family.columns[k]]) for k in _numbers(family)}
+    spans = {k: float(np.ptp(column)) if len(column) else 0.0 for k, column in columns.items()}
+    ranked = sorted(spans, key=lambda k: -spans[k])
+    moving, still = sorted(ranked[:count]), ranked[count:]
+    is_apart = bool(still) and spans[still[0]] < _MAX_STILL_SHARE * min(spans[k] for k in moving)
+    return moving if is_apart and moving[-1] - moving[0] < count else []
+
+
 def match_family(
     family: ColumnFamily,
     joints: Sequence[MovableJoint],
@@ -159,7 +171,7 @@ def match_family(
     """Match the columns of a family to joints.
 
     Columns are matched by name, by the numbers that the file has ``stated`` of joints, by the number in the joint
-    names, else by order: that of the ``numbers`` with which another family has all joints, where they have these.
+    names, else by order: that of the ``numbers`` that belong to all joints, where they are among them or have these.
     """
     if any(isinstance(key, str) for key in family.columns):
         columns = {joint.name: family.columns[joint.name] for joint in joints if joint.name in family.columns}
@@ -181,15 +193,19 @@ def _match_by_number(
         if sorted(chain) == list(numbered):
             by_number = {chain[k]: column for k, column in numbered.items()}
             return Match(family, by_number, "matched by the number in the joints' names")
-    # columns of some joints only have the numbers of those of all joints
-    numbers = all_numbers if set(numbered) <= set(all_numbers) else list(numbered)
+    # columns of some joints only, or of more motors, have the numbers of those of all joints
+    is_part = set(numbered) <= set(all_numbers) or set(all_numbers) <= set(numbered)
+    numbers = all_numbers if all_numbers and is_part else list(numbered)
     order = next((list(chain.values()) for chain in chains if len(chain) == len(numbers)), None)
     joint_of = dict(zip(numbers, order or [joint.name for joint in joints], strict=False))
     matched = {joint_of[k]: column for k, column in numbered.items() if k in joint_of}
     names = list(matched)
+    order_question = "is this order right?"
+    if len(matched) < len(numbered):
+        order_question = f"are {', '.join(str(k) for k in numbered if k in joint_of)} theirs, in this order?"
     question = (
         f"the columns are numbered {min(numbered)} to {max(numbered)} and the joints are called {names[0]} to "
-        f"{names[-1]}: is this order right?"
+        f"{names[-1]}: {order_question}"
     )
     return Match(family, matched, "matched by order", question)
 
@@ -211,16 +227,6 @@ def match_length(table: DataTable, match: Match | None) -> int:
     return len(table.columns[columns[0]]) if columns else 0
 
 
-def is_increasing(column: Array) -> bool:
-    """Return whether each value is larger than the one before."""
-    return len(column) > 1 and len(finite_values(column)) == len(column) and bool((np.diff(column) > 0).all())
-
-
-def finite_values(column: Array) -> Array:
-    """Return the finite values; larger ones would overflow in a difference."""
-    return column[np.abs(column) < _MAX_VALUE]
-
-
 def turn_size(q: Array, unit: str) -> float | None:
     """Return the turn after which an angle starts anew, in its unit; None where it does not.
 
@@ -237,119 +243,13 @@ def turn_size(q: Array, unit: str) -> float | None:
     return None
 
 
-@dataclass(frozen=True)
-class TimeColumn:
-    """The column of the stamps (None: not found) and its unit; ``step`` is the median step in s."""
-
-    column: str | None
-    unit: str = "s"
-    step: float = math.nan
-    question: str = ""
-
-
-def time_column(
-    table: DataTable, column_families: Iterable[ColumnFamily], rows: int, ros: bool, *, nameless: bool = False
-) -> TimeColumn:
-    """Return the first increasing column of stamps, with its unit from its name, or from its step.
-
-    Where the columns are ``nameless`` and several could be the time, the likeliest is taken.
-    """
-    stamps = _find_stamps(table, column_families, rows, nameless)
-    if rows < 2 or stamps is None:
-        return TimeColumn(None)
-    name, unit, question = stamps
-    column = table.columns[name]
-    unit = unit or ("s" if ros else _epoch_unit(column))
-    if unit is None:
-        return _unit_from_step(name, column, question)
-    return TimeColumn(name, unit, _median_step(column) * unit_factor(unit, "time", ""), question)
-
-
-def _find_stamps(
-    table: DataTable, column_families: Iterable[ColumnFamily], rows: int, nameless: bool
-) -> tuple[str, str | None, str] | None:
-    """Return the column of the stamps, by its name or else its values, the unit in its name, and a question."""
-    clocks = [family for family in column_families if family.role == "time"]
-    candidates = [(column, family.units.get(column)) for family in clocks for column in family.columns.values()]
-    # the unit of a column type outweighs that in its name; columns of dates are candidates without a telling name
-    candidates = [*((name, table.units.get(name, unit)) for name, unit in candidates), *table.units.items()]
-    stamps = [(name, unit) for name, unit in candidates if len(table.columns[name]) == rows]
-    if not stamps:
-        return _find_clock(table, rows, nameless)
-    name, unit = min(stamps, key=lambda stamp: not is_increasing(table.columns[stamp[0]]))
-    column = finite_values(table.columns[name])
-    steps = np.diff(column)  # equal ones are rows written twice, or reading says what to do with them
-    if len(column) < rows or rows < 2 or (steps < 0).any():
-        return name, unit, "the stamps do not increase everywhere: is there a better column?"
-    return name, unit, "" if np.median(steps) > 0 else _LONG_FORMAT_QUESTION
-
-
-def _unit_from_step(name: str, column: Array, question: str) -> TimeColumn:
-    """Return the time column with the unit that follows from its median step."""
-    step = _median_step(column)
-    # a step that is usual in seconds is taken as such; other units are asked about
-    if _MIN_STEP <= step <= _MAX_STEP or step == 0:
-        return TimeColumn(name, "s", step, question)
-    if _is_counter(column):
-        unit_question = "it counts by one: ms, or samples (then `time: { rate: ... }`)?"
-        return TimeColumn(name, "ms", 1e-3, unit_question)
-    unit = next((x for x in ("ms", "us", "ns") if _MIN_STEP <= step * UNITS["time"][x] <= _MAX_STEP), "s")
-    unit_question = f"the median step is {step:.4g}: is this {unit}?"
-    return TimeColumn(name, unit, step * UNITS["time"][unit], "; ".join(filter(None, (question, unit_question))))
-
-
-def _find_clock(table: DataTable, rows: int, several: bool) -> tuple[str, str | None, str] | None:
-    """Return the column that increases in about equal steps, the unit in its name, and a question.
-
-    Its name does not matter. Of ``several`` candidates, prefer one that does not count samples, and whose steps
-    may be seconds.
-    """
-    clocks = []
-    for name, column in table.columns.items():
-        if len(column) == rows >= _MIN_CLOCK_SAMPLES and is_increasing(column):
-            ratios = np.diff(column) / np.median(np.diff(column))
-            # the median of the deviations ignores a few gaps, which the maximum bounds
-            if ratios.max() < _GAP_RATIO and np.median(np.abs(ratios - 1)) < _MAX_STEP_DEVIATION:
-                clocks.append(name)
-    if not clocks or (len(clocks) > 1 and not several):
-        return None
-
-    def rank(name: str) -> tuple[bool, bool]:
-        """Sample counters come last, and columns in seconds first."""
-        column = table.columns[name]
-        return _is_counter(column), not _MIN_STEP <= _median_step(column) <= _MAX_STEP
-
-    ranked = sorted(clocks, key=rank)
-    words = re.split("[^a-z]+", ranked[0].lower())
-    question = "the only column that increases evenly: is it the time?"
-    if ranked[1:]:
-        question = f"it increases evenly, as {' and '.join(map(repr, ranked[1:]))} do: is it the time?"
-    return ranked[0], next((unit for unit in UNITS["time"] if unit in words), None), question
-
-
-def _is_counter(column: Array) -> bool:
-    """Return whether stamps count samples, or ms."""
-    return _median_step(column) == 1 and float(finite_values(column)[0]).is_integer()
-
-
-def _epoch_unit(column: Array) -> str | None:
-    """Return the unit in which the stamps count from 1970 (a year from 2001 to 2049); None where they do not."""
-    start = float(finite_values(column).min(initial=np.inf))
-    return next((unit for unit in ("s", "ms", "us", "ns") if 1e9 < start * UNITS["time"][unit] < 2.5e9), None)
-
-
-def _median_step(column: Array) -> float:
-    """Return the median step, nan where there is none."""
-    steps = np.diff(finite_values(column))
-    return float(np.median(steps)) if len(steps) else math.nan
-
-
-def has_gaps(table: DataTable, time: TimeColumn) -> bool:
-    """Return whether some step of the stamps is far longer than the median."""
-    if time.column is None:
-        return False
-    column = table.columns[time.column]
-    return bool(0 < _median_step(column) * _GAP_RATIO < np.diff(finite_values(column)).max(initial=0.0))
+def complete_rows(table: DataTable, matches: Iterable[Match | None]) -> DataTable:
+    """Return the table without the rows where matched columns are empty, as those of other topics, if any is left."""
+    columns = [table.columns[name] for match in matches if match for name in match.columns.values()]
+    if len({len(column) for column in columns}) != 1:
+        return table
+    keep = np.asarray(~np.isnan(columns).any(axis=0))
+    return table if keep.all() or not keep.any() else table.select_rows(keep, "")
 
 
 def read_joints(robot: str) -> list[MovableJoint]:

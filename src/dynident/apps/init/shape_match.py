@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps.init.match import Match, MovableJoint, is_increasing
+from dynident.apps.init.match import Match, MovableJoint
+from dynident.apps.init.stamps import is_increasing
 from dynident.files.tables import DataTable
 from dynident.project.columns import ColumnFamily, read_name
 from dynident.runtime.arrays import Array
@@ -61,7 +62,7 @@ def match_by_shape(table: DataTable, joints: Sequence[MovableJoint]) -> tuple[Ma
     # columns that increase are clocks or counters; shorter ones belong to other logs
     rows = max((len(column) for column in table.columns.values()), default=0)
     names = [name for name, x in table.columns.items() if len(x) == rows and not is_increasing(x)]
-    joints = _recorded_joints(joints, len(names))
+    joints = _recorded_joints(_named_order(table, joints), len(names))
     n = len(joints)
     if rows < MIN_SAMPLES or not n or len(names) < 2 * n:
         return None, None
@@ -91,6 +92,33 @@ def match_by_shape(table: DataTable, joints: Sequence[MovableJoint]) -> tuple[Ma
         question += f" Why not {' or '.join(map(str, twins))}, which are nearly the same?"
     position_match = _block_match("position", position, joints, question)
     return position_match, _find_torque(X, chain, starts, joints, blocks)
+
+
+def sampling_step(table: DataTable, position: Match) -> float:
+    """Return the time (s) between rows by which other columns are the velocities of the positions; nan where none are.
+
+    Those of all joints that move must agree.
+    """
+    named = list(position.columns.values())
+    rows = len(table.columns[named[0]])
+    others = [name for name, x in table.columns.items() if name not in named and len(x) == rows]
+    if rows < MIN_SAMPLES or not others:
+        return np.nan
+    X = _complete_rows(np.column_stack([table.columns[name] for name in (*named, *others)])[:MAX_SAMPLES])
+    if len(X) < MIN_SAMPLES:
+        return np.nan
+    moving = np.flatnonzero(np.ptp(X[:, : len(named)], axis=0) > MIN_MOTION)
+    C, slopes = (matrix[moving, len(named) :] for matrix in _derivative_correlation(X))
+    steps = slopes[np.arange(len(moving)), C.argmax(axis=1)]
+    is_sure = len(moving) > 0 and C.max(axis=1).min() > MIN_DERIVATIVE_CORRELATION
+    return float(np.median(steps)) if is_sure and steps.max() < MAX_UNIT_RATIO * steps.min() else np.nan
+
+
+def _named_order(table: DataTable, joints: Sequence[MovableJoint]) -> Sequence[MovableJoint]:
+    """Return the joints in the order in which columns of text name them, where these name all."""
+    by_name = {joint.name: joint for joint in joints}
+    named = [by_name[text] for text in table.texts.values() if text in by_name]
+    return named if len(named) == len(by_name) == len({joint.name for joint in named}) else joints
 
 
 def _recorded_joints(joints: Sequence[MovableJoint], count: int) -> Sequence[MovableJoint]:

@@ -27,7 +27,7 @@ from dynident.models.friction import (
     Viscous,
     WideCoulomb,
 )
-from dynident.runtime import InputError, Note, Severity, brief
+from dynident.runtime import InputError, Note, Noun, Severity, brief
 from dynident.runtime.families import TERMS
 
 WIDTHS = tuple((0.005 * 1.25 ** np.arange(21)).tolist())  # of the rms speed; others make up for coarser ones
@@ -126,6 +126,14 @@ def _drift_terms(excitation: JointExcitation) -> Sequence[Term]:
 def fixed_terms(terms: tuple[Term, ...], _: JointExcitation) -> tuple[Term, ...]:
     """Return the terms whatever the excitation."""
     return terms
+
+
+class TermGroup(Noun):
+    """A ``kind`` with its sizes: the ``terms`` on one joint, and the indices ``at`` of the columns of each."""
+
+    kind: CandidateKind
+    terms: tuple[Term, ...]
+    at: tuple[tuple[int, ...], ...]
 
 
 KINDS = (

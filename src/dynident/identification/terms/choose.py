@@ -16,6 +16,7 @@ from dynident.identification.terms.candidates import (
     CandidateKind,
     JointExcitation,
     TermChoice,
+    TermGroup,
     TermTrial,
     TooFewSamplesError,
     combine_terms,
@@ -49,7 +50,6 @@ from dynident.identification.terms.search import (
     JointSearch,
     SearchFolds,
     TermEntry,
-    TermGroup,
     renumber_columns,
 )
 from dynident.models import CoupledMotor, Model, Term

@@ -9,7 +9,7 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.identification.terms.candidates import CandidateKind, TermTrial, TrialOutcome, settings_of
+from dynident.identification.terms.candidates import CandidateKind, TermGroup, TermTrial, TrialOutcome, settings_of
 from dynident.identification.terms.grams import (
     CandidateGrams,
     Folds,
@@ -41,14 +41,6 @@ CLEAR_GAIN_ERRORS = 5.0  # standard errors of a gain that faster motion must ref
 MAX_SHARP_LOSS = 1.15  # factor of the squared error by which a sharp sign may be worse than a narrow one
 MAX_RESIZE_TURNS = 5  # at most, in which the sizes of what has entered settle
 MAX_TERMS = 9  # terms of a joint
-
-
-class TermGroup(Noun):
-    """A ``kind`` with its sizes: the ``terms`` on one joint, and the indices ``at`` of the columns of each."""
-
-    kind: CandidateKind
-    terms: tuple[Term, ...]
-    at: tuple[tuple[int, ...], ...]
 
 
 class TermEntry(Noun):
@@ -236,12 +228,18 @@ class JointSearch:
                 return
 
     def exchange(self, candidates: CandidateGrams) -> None:
-        """Replace each group in turn by what would be chosen without it, where that predicts better."""
-        for entry in list(self.entered):
-            if entry.group.kind.presumed or entry not in self.entered:
-                continue
-            groups = tuple(group for group in self.groups if group.kind.name != entry.group.kind.name)
-            alternative = replace(self, groups=groups, entered=[x for x in self.entered if x is not entry], trials={})
+        """Replace each group in turn by what would be chosen without it, where that predicts better.
+
+        Groups that were removed though they gain have spoilt signs: without one of them others may enter again.
+        """
+        removed = [trial for trial in self.trials.values() if trial.outcome is TrialOutcome.REDUNDANT]
+        spoilers = [trial.kind for trial in removed if trial.gain > CLEAR_GAIN_ERRORS * trial.std]
+        for name in [*spoilers, *(x.group.kind.name for x in self.entered if not x.group.kind.presumed)]:
+            rest = [x for x in self.entered if x.group.kind.name != name]
+            if len(rest) == len(self.entered) and name not in spoilers:
+                continue  # it was replaced with another
+            groups = tuple(group for group in self.groups if group.kind.name != name)
+            alternative = replace(self, groups=groups, entered=rest, trials={})
             alternative.forward(candidates)
             alternative.backward(candidates)
             if alternative.errors(candidates).sum() < self.errors(candidates).sum():

@@ -100,15 +100,6 @@ def test_a_residual_that_a_change_of_parameters_explains_is_left_out(delay: int,
     assert len(changes.changes) == len(changes.of("robot4"))
 
 
-@pytest.mark.parametrize(("odd", "seed"), [(0, 0), (3, 4)])
-def test_one_odd_log_is_no_change_of_a_residual(odd: int, seed: int) -> None:
-    """Of few robots no other log says that such logs are."""
-    rng = np.random.default_rng(seed)
-    histories = fleet(rng, 3, 4)
-    left = residuals(rng, histories, {1: lambda log: np.array([0.0, 1.2 * (log == odd), 0.0])})
-    assert find_changes_and_residuals(histories, GROUPS, left, JOINTS, rng).changes == ()
-
-
 def test_friction_of_another_joint_explains_nothing() -> None:
     rng = np.random.default_rng(3)
 
@@ -222,13 +213,3 @@ def test_logs_that_fit_far_worse_than_others_of_their_type_are_named() -> None:
     assert list(_misfit_warnings(pl.DataFrame(rows[:3]))) == []
     (words,) = _misfit_warnings(pl.DataFrame(rows))
     assert "more than 3 times the median: 3.csv (r3), 4 %." in words
-
-
-def test_the_temperature_of_the_day_is_named() -> None:
-    rng = np.random.default_rng(2)
-    warm = rng.standard_normal(10)
-
-    def change(log: int, value: np.ndarray) -> None:
-        value[4:6] *= 1 + 0.3 * warm[log]
-
-    assert together(fleet(rng, 6, 10, dict.fromkeys(range(6), change)), rng) == (GROUPS[FRICTION_A],)

@@ -15,7 +15,7 @@ import pytest
 
 import dynident as dy
 from tests.cli.commands import succeed
-from tests.robots import joint, link, urdf
+from tests.project.test_shortcuts import two_link_file
 
 SOURCE = Path(dy.__file__)
 MADE = {"Estimate", "Identification", "Motion", "errors"}  # by other calls: they have no example of their own
@@ -85,17 +85,7 @@ TRUTH = {"Ia": 0.05, "Fv": 0.8, "Fc": 0.5, "of": 0.1}  # by the first two letter
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with a robot file, and recordings in ms, degrees and mA."""
-    tensor = np.diag([0.003, 0.02, 0.02])
-    (tmp_path / "arm.urdf").write_text(
-        urdf(
-            link("base"),
-            link("upper", 2.0, (0.15, 0, 0), tensor=tensor),
-            link("fore", 1.0, (0.1, 0, 0), tensor=tensor),
-            joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0)),
-            joint("elbow", "revolute", "upper", "fore", (0.3, 0, 0), axis=(0, 1, 0)),
-        )
-    )
-    robot, t, rng = dy.read_robot(tmp_path / "arm.urdf"), np.arange(2001) * 0.005, np.random.default_rng(0)
+    robot, t, rng = dy.read_robot(two_link_file(tmp_path)), np.arange(2001) * 0.005, np.random.default_rng(0)
     theta = [TRUTH[x.name[:2]] if x.value is None else x.value for x in robot.parameters]
     for name, rate in (("monday", 1.0), ("tuesday", 1.2), ("wednesday", 0.9)):
         w, size = rate * np.array([[1.0, 2.3, 3.7], [1.3, 2.9, 4.1]]), np.array([[0.8, 0.4, 0.2], [0.9, 0.4, 0.3]])

@@ -199,15 +199,3 @@ def test_total_mass_needs_a_body() -> None:
     joints = single().joints
     with pytest.raises(ConfigError, match=r"total mass \(1.0, 1.0\): the model has no body"):
         PhysicallyConsistent(total_mass=1.0)(problem(Model((Drag(joints, "viscous"),)), np.array([1.0])))
-
-
-def test_the_covariance_holds_what_constraints_moved_the_value_by_and_nothing_else() -> None:
-    """Least squares' own, and the outer product of the move, which a bound on the friction causes."""
-    model = single(None, ("viscous", 3))
-    posed = problem(model, np.append(BODY, 0.5), 0.01)
-    plain = LeastSquares(weights="per_joint")(posed)
-    for bounds in ({}, {model.names[-1]: (0.6, None)}):
-        result = PhysicallyConsistent(bounds=bounds)(posed)
-        away = result.value - plain.value
-        assert np.any(np.abs(away) > 0.01) == bool(bounds)
-        np.testing.assert_allclose(result.covariance, plain.covariance + np.outer(away, away), rtol=1e-5, atol=1e-11)

@@ -51,16 +51,6 @@ def test_gain_of_the_filter(frequency: float) -> None:
     np.testing.assert_allclose(result, x[500:-500] / (1 + ratio**4), atol=1e-6)
 
 
-@pytest.mark.parametrize("used", [1, 2, 5])
-def test_stretches_shorter_than_the_filter(used: int) -> None:
-    """A single sample cannot be filtered; more give finite numbers."""
-    mask = np.zeros(100, dtype=bool)
-    mask[10 : 10 + used] = mask[40:] = True
-    Y, tau = drawn((motion(100, mask=mask),), ParallelFilter(cutoff=10.0))
-    assert len(tau) == 60 + (used if used > 1 else 0)
-    assert np.isfinite(Y).all()
-
-
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

@@ -7,7 +7,7 @@ import pytest
 
 from dynident.estimators import Barrier
 from dynident.estimators.maximum_likelihood import LikelihoodSearch, NewtonSettings, Recordings, Sigma
-from dynident.estimators.maximum_likelihood.plan import crossing
+from dynident.estimators.maximum_likelihood.plan import crossing, sweep_intervals
 from dynident.models.lagrangian import slider
 from dynident.motion.log import Log
 from dynident.motion.splines import NORMAL_95
@@ -80,3 +80,10 @@ class TestProfile:
 
         result = crossing(root, 0.4, side)
         assert min(first[:2]) < result < max(first[:2])
+
+    def test_swept_intervals_bend_with_the_valley(self) -> None:
+        covariance = np.array([[1.0, 1.0], [1.0, 1.0]])
+        path = [(r, np.array([r, r + 0.1 * r**2])) for r in (-1.5, 2.5)]
+        result = sweep_intervals(np.zeros(2), path, covariance, 0)
+        expected = [[-NORMAL_95, NORMAL_95], [-NORMAL_95 + 0.1 * NORMAL_95**2, NORMAL_95 + 0.1 * NORMAL_95**2]]
+        np.testing.assert_allclose(result, expected, rtol=1e-9)

@@ -147,13 +147,17 @@ def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
     p, freedom = len(model.names), 200 - 7
     inside, distance = np.zeros((runs, p), dtype=bool), np.zeros(runs)
     for k in range(runs):
-        result = LeastSquares()(problem(model, model.values, sigma * rng.normal(size=(100, 2))))
+        posed = problem(model, model.values, sigma * rng.normal(size=(100, 2)))
+        result = LeastSquares()(posed)
         error = result.value - model.values
         inside[k] = np.abs(error) < student.ppf(0.975, freedom) * result.std
         distance[k] = error @ np.linalg.solve(result.covariance, error)
     assert (np.abs(inside.mean(axis=0) - 0.95) < 3 * np.sqrt(0.95 * 0.05 / runs)).all()
     expected = p * freedom / (freedom - 2)  # p times the mean of an F(p, freedom) variable
     assert abs(distance.mean() - expected) < 3 * distance.std() / np.sqrt(runs)
+    (motion,) = posed.motions
+    residual = motion.tau - model.torque(motion.q, motion.dq, motion.ddq, result.value)
+    np.testing.assert_allclose(result.residual.sigma, np.sqrt(np.square(residual).sum(axis=0) / 99), rtol=1e-10)
 
 
 def test_only_linear_estimators_have_such_rows() -> None:

@@ -40,11 +40,28 @@ def test_a_spike_of_the_position_is_replaced_and_its_row_not_fitted_for_any_join
     assert motion.mask[900]  # no gap: a filter or a simulation runs on
 
 
+def test_a_frozen_position_is_bridged() -> None:
+    clean = repair_log(changed("q", slice(900, 950), 0, 0.1), torque=False)
+    assert np.abs(clean.q - log().q).max() < 0.01
+    assert clean.keep is not None
+    assert not clean.keep[892:958].any()
+    assert clean.keep[:890].all()
+
+
 def test_too_many_spikes_belong_to_the_signal() -> None:
     rows = list(range(100, 2900, 20))
     case = changed("q", rows, 0, 0.5, add=True)
     assert suspects(case).position_spikes[rows, 0].mean() > 0.9
     assert np.array_equal(repair_log(case, torque=False).q, case.q)
+
+
+def test_suspect_torques_are_not_kept_where_asked() -> None:
+    case = changed("tau", [700], 0, 5000.0)
+    clean = repair_log(case, torque=True)
+    assert clean.keep is not None
+    assert np.argwhere(~clean.keep).tolist() == [[700, 0]]
+    assert np.array_equal(clean.tau, case.tau)
+    assert repair_log(case, torque=False) is case
 
 
 @pytest.mark.parametrize("samples", [9, 10])
@@ -66,3 +83,13 @@ def test_a_motion_of_other_samples_than_the_log_is_refused() -> None:
         smooth_log(shorter, log())
     with pytest.raises(ConfigError, match="the smoother function returns"):
         smooth_log(TimeShifted(shorter, 0.0), log())
+
+
+def test_excluded_samples_are_smoothed_through_and_not_in_the_mask() -> None:
+    full, gone = (smooth_log(Spline(), x) for x in (log(), log().exclude([(2.0, 2.5)])))
+    np.testing.assert_array_equal(full.q, gone.q)
+    left_out = (gone.t >= 2.0) & (gone.t <= 2.5)
+    assert gone.mask.tolist() == (full.mask & ~left_out).tolist()
+    assert full.keep is None
+    assert gone.keep is not None
+    assert gone.keep.tolist() == np.stack([~left_out, ~left_out], axis=1).tolist()

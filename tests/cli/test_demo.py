@@ -1,4 +1,4 @@
-"""``dynident demo``: what it refuses, that its draft needs no answer; `tests/meta/test_tutorial.py` runs it whole."""
+"""``dynident demo``: what it refuses, and its files alone; `tests/meta/test_tutorial.py` runs it whole."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kalman filtering of parameters: its steps, its errors beside maximum likelihood, and where it fails."""
+"""Kalman filtering of parameters: its errors beside maximum likelihood, and where it fails."""
 
 from __future__ import annotations
 

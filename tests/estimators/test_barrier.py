@@ -1,4 +1,4 @@
-"""The barrier: its derivatives, and Newton's method inside of it."""
+"""The barrier: where it ends, and Newton's method inside of it."""
 
 from __future__ import annotations
 

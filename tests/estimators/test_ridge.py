@@ -1,4 +1,4 @@
-"""Ridge regression: its closed form, the strength by cross-validation, and what it may not claim."""
+"""Ridge regression: its closed form, the strength by cross-validation, and intervals that hold."""
 
 from dataclasses import replace
 

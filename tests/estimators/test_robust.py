@@ -1,4 +1,4 @@
-"""Robust least squares: known minima, wrong torques, standard errors that hold, and rows of every kind."""
+"""Robust least squares: known minima, wrong torques, and standard errors that hold."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What terms remember is carried by motions, and is needed where they are evaluated."""
+"""What terms remember is needed where they are evaluated."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A term has defaults for all that it does not say, and inherits nothing that is said of another regressor."""
+"""A term has defaults for all that it does not say, and what is no term is named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Configurations: what they hold, the models they name, and what is warned of."""
+"""Configurations: the models they name, and what is warned of."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The parallel filter: pieces that fit together, its gain, decimation, and short stretches."""
+"""The parallel filter: pieces that fit together, its gain, and decimation."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Rank: what counts as rounding, what a singular information leaves, and the one inversion."""
+"""Rank: what counts as rounding, whatever the weights of the rows."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Standard errors for correlated residuals, and by the scores of parts: by hand, and by how often intervals hold."""
+"""Standard errors for correlated residuals, and by the scores of parts: by hand, and how often intervals hold."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The demo: a sound robot file, recordings as sensors make them, whole files, and fits against the truth."""
+"""The demo: recordings as sensors make them, whole files, and fits against the truth."""
 
 import runpy
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The report of a fleet: figures, courses of parameters, tables and pages of any size."""
+"""The report of a fleet: figures, tables and pages of any size."""
 
 from dataclasses import replace
 from datetime import datetime

@@ -1,4 +1,4 @@
-"""The Kalman smoother of a log: what it says of itself, joints at rest, encoders, and data without noise."""
+"""The Kalman smoother of a log: its standard errors, encoders, and data without noise."""
 
 from __future__ import annotations
 

@@ -33,6 +33,33 @@ def test_pendulum_swings_as_the_elliptic_functions_do():
     np.testing.assert_allclose(motion.q[:, 0], 2 * np.arcsin(np.sqrt(k2) * sn), rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("own", [{"q0", "torque"}, {"theta", "q0", "dq0", "torque"}], ids=sorted)
+def test_runs_together_equal_runs_alone(own):
+    arm, rng, t = two_link_arm(), np.random.default_rng(4), T[:9]
+    theta = arm.values * rng.uniform(0.9, 1.1, (3, 7))
+    q0, dq0, gain = rng.normal(size=(3, 2)), rng.normal(size=(3, 2)), rng.normal(size=(3, 1))
+    together = simulate_many(
+        arm,
+        theta if "theta" in own else arm.values,
+        (lambda s: gain * push(s)) if "torque" in own else push,
+        t,
+        q0 if "q0" in own else q0[0],
+        dq0 if "dq0" in own else None,
+    )
+    assert len(together) == 3
+    for k, motion in enumerate(together):
+        alone = simulate(
+            arm,
+            theta[k] if "theta" in own else arm.values,
+            (lambda s, k=k: gain[k] * push(s)) if "torque" in own else push,
+            t,
+            q0[k] if "q0" in own else q0[0],
+            dq0[k] if "dq0" in own else None,
+        )
+        for name, close in (("q", 1e-9), ("dq", 1e-9), ("ddq", 1e-6), ("tau", 0)):
+            np.testing.assert_allclose(getattr(motion, name), getattr(alone, name), rtol=0, atol=close)
+
+
 def test_hard_coulomb_sign_is_stopped():
     """A body held by friction makes the integrator chatter: it must end, and say why."""
     rail = slider(1e-3, SLIDER)

@@ -213,3 +213,13 @@ def test_logs_that_fit_far_worse_than_others_of_their_type_are_named() -> None:
     assert list(_misfit_warnings(pl.DataFrame(rows[:3]))) == []
     (words,) = _misfit_warnings(pl.DataFrame(rows))
     assert "more than 3 times the median: 3.csv (r3), 4 %." in words
+
+
+def test_the_temperature_of_the_day_is_named() -> None:
+    rng = np.random.default_rng(2)
+    warm = rng.standard_normal(10)
+
+    def change(log: int, value: np.ndarray) -> None:
+        value[4:6] *= 1 + 0.3 * warm[log]
+
+    assert together(fleet(rng, 6, 10, dict.fromkeys(range(6), change)), rng) == (GROUPS[FRICTION_A],)

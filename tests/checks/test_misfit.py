@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynident.checks.misfit import misfit
-from tests.checks.moving_arm import T, case
+from tests.checks.moving_arm import MOVED, T, arm, case, truth
 
 RIGHT = case()
 LEFT_OUT = np.ones((len(T), 3), dtype=bool)
@@ -31,3 +31,12 @@ def test_a_chance_effect_does_not_hold_in_all_parts() -> None:
     for test in misfit(RIGHT).score_tests(noise):
         assert test is not None
         assert max(test.share, test.held_out) < 0.01
+
+
+def test_white_noise_is_known_and_lowers_what_must_be_explained() -> None:
+    sigma = (MOVED.tau - arm().torque(MOVED.q, MOVED.dq, MOVED.ddq, truth(arm()))).std(axis=0)
+    kept = 20.0 / 50.0 * 0.93  # of its energy below the cut-off
+    np.testing.assert_allclose(RIGHT.noise, kept * sigma**2, rtol=0.25)
+    assert misfit(RIGHT).min_share < 0.05
+    wrong = replace(MOVED, tau=MOVED.tau + 2.0 * np.sin(3.0 * MOVED.q))
+    assert misfit(case(wrong)).min_share == 0.1

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import dynident as dy
-from tests.robots import joint, link, urdf
+from tests.cli.commands import succeed
+from tests.project.test_shortcuts import two_link_file
 
 SOURCE = Path(dy.__file__)
 MADE = {"Estimate", "Identification", "Motion", "errors"}  # by other calls: they have no example of their own
@@ -72,40 +73,47 @@ def test_the_import_loads_nothing_heavy_and_is_fast() -> None:
     assert heavy == []
 
 
-def readme_block() -> str:
-    """The code of the README that is not run there, for it needs files."""
-    text = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
-    (block,) = re.findall(r"<!-- not run -->\n```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-    return str(block)
+def first_block(page: str, start: str) -> str:
+    """The code of a page after the first line that starts so."""
+    text = (SOURCE.parents[2] / page).read_text(encoding="utf-8")
+    return re.split(r"^```", text.partition(start)[2].partition("\n")[2], maxsplit=1, flags=re.MULTILINE)[0]
 
 
-def test_the_block_of_the_readme_runs_on_such_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A robot file, and recordings in ms, degrees and mA."""
-    tensor = np.diag([0.003, 0.02, 0.02])
-    file = tmp_path / "arm.urdf"
-    file.write_text(
-        urdf(
-            link("base"),
-            link("upper", 2.0, (0.15, 0, 0), tensor=tensor),
-            link("fore", 1.0, (0.1, 0, 0), tensor=tensor),
-            joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0)),
-            joint("elbow", "revolute", "upper", "fore", (0.3, 0, 0), axis=(0, 1, 0)),
-        )
-    )
-    robot, t, rng = dy.read_robot(file), np.arange(3001) * 0.004, np.random.default_rng(0)
-    truth = [0.2 if parameter.value is None else parameter.value for parameter in robot.parameters]
+TRUTH = {"Ia": 0.05, "Fv": 0.8, "Fc": 0.5, "of": 0.1}  # by the first two letters of their names
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a robot file, and recordings in ms, degrees and mA."""
+    robot, t, rng = dy.read_robot(two_link_file(tmp_path)), np.arange(2001) * 0.005, np.random.default_rng(0)
+    theta = [TRUTH[x.name[:2]] if x.value is None else x.value for x in robot.parameters]
     for name, rate in (("monday", 1.0), ("tuesday", 1.2), ("wednesday", 0.9)):
-        w = rate * np.array([1.3, 2.1])
-        phase = np.multiply.outer(t, w)
-        tau = robot.torque(np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase), truth)
-        current = tau / [0.0105, 0.0062] + rng.standard_normal(tau.shape)
-        table = np.column_stack([1e3 * t, np.rad2deg(np.sin(phase)), current])
+        w, size = rate * np.array([[1.0, 2.3, 3.7], [1.3, 2.9, 4.1]]), np.array([[0.8, 0.4, 0.2], [0.9, 0.4, 0.3]])
+        angle = w * t[:, None, None]
+        q, dq, ddq = ((size * x).sum(axis=2) for x in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle)))
+        current = (robot.torque(q, dq, ddq, theta) + 0.02 * rng.standard_normal(q.shape)) / [0.0105, 0.0062]
+        table = np.column_stack([1e3 * t, np.degrees(q + 2e-5 * rng.standard_normal(q.shape)), current])
         np.savetxt(tmp_path / f"{name}.csv", table, delimiter=",", header="time_ms,pos1,pos2,cur1,cur2", comments="")
     monkeypatch.chdir(tmp_path)
-    seen: dict[str, Any] = {}
-    exec(compile(readme_block(), "README", "exec"), seen)
-    assert seen["identification"].validations[1].errors.relative_error < 2
-    file.unlink()  # the result holds its text
+    return tmp_path
+
+
+def test_the_block_of_the_readme_runs_on_such_files(folder: Path) -> None:
+    namespace: dict[str, Any] = {}
+    exec(compile(first_block("README.md", "<!-- not run -->\n```python"), "README", "exec"), namespace)
+    assert namespace["identification"].validations[1].errors.relative_error < 2
+    (folder / "arm.urdf").unlink()  # the result holds its text
     again = dy.load("result.json")
-    np.testing.assert_array_equal(again.estimate.value, seen["identification"].estimate.value)
-    assert again.predict(seen["logs"]["wednesday"]).errors.relative_error < 2
+    np.testing.assert_array_equal(again.estimate.value, namespace["identification"].estimate.value)
+    assert again.predict(namespace["logs"]["wednesday"]).errors.relative_error < 2
+
+
+def test_the_first_configuration_of_the_guide_identifies_the_arm(folder: Path) -> None:
+    (folder / "robot.yaml").write_text(first_block("docs/robots.md", "```yaml"), encoding="utf-8")
+    succeed("identify", "robot.yaml", "--out", "out")
+    result = dy.load("out/result.json")
+    assert result.validations[1].errors.relative_error < 1.0
+    values = dict(zip(result.model.names, result.estimate.value, strict=True))
+    friction = {name: value for name, value in values.items() if name[:2] in TRUTH and not name.startswith("Ia")}
+    assert friction == pytest.approx({name: TRUTH[name[:2]] for name in friction}, abs=0.02)
+    assert values["Ia_elbow"] + values["fore.Iyy"] == pytest.approx(0.05 + 0.02 + 0.1**2, rel=0.02)

@@ -47,18 +47,6 @@ def topics(result) -> list[str]:
     return [finding.topic for finding in result.findings]
 
 
-def test_a_sound_log_gives_facts_and_no_findings(sound) -> None:
-    assert topics(sound) == []
-    assert not sound.has_errors
-    assert sound.timings.keys() == sound.channels.keys() == {"one", "two"}
-    assert sound.rank is not None
-    assert (
-        [excitation.joint for excitation in sound.excitations]
-        == [agreement.joint for agreement in sound.agreements]
-        == [NAME]
-    )
-
-
 @pytest.mark.parametrize(("outliers", "left_out"), [("mask", (1, 2)), ("keep", (0, 0))])
 def test_the_facts_of_a_channel_leave_out_what_the_fit_does(outliers: Literal["mask", "keep"], left_out, sound) -> None:
     q, tau = ONE.q.copy(), ONE.tau.copy()

@@ -55,14 +55,3 @@ def test_what_a_joint_alone_lacks_is_no_gear_and_no_clock(lack: str, j: int | No
         moved = replace(moved, tau=moved.tau + 3.0 * moved.q * (np.arange(3) == 2))
     suspect = clock_suspect() if j is None else gear_suspects(arm())[j]
     assert not is_beyond_own_effects(*explained(moved, suspect, without=lack))
-
-
-@pytest.mark.parametrize("j", range(3))
-def test_a_gear_explains_what_its_joint_alone_does_not(j: int) -> None:
-    assert is_beyond_own_effects(*explained(geared(j, 1.2), gear_suspects(arm())[j]))
-
-
-def test_a_clock_explains_what_single_joints_do_not() -> None:
-    moved = motion()
-    slow = replace(moved, dq=moved.dq / 1.2, ddq=moved.ddq / 1.44)
-    assert is_beyond_own_effects(*explained(slow, clock_suspect()))

@@ -46,6 +46,7 @@ def write_log(folder: Path, name: str = "log.csv", n: int = 2000, rate: float = 
 
 
 def settings(**changes: Any) -> dict[str, Any]:
+    """Sections of a configuration; of smoothing and time offset nothing is chosen by the data."""
     return {
         "model": "gallery:slider",
         "time": {"column": "time", "unit": "s"},
@@ -53,6 +54,8 @@ def settings(**changes: Any) -> dict[str, Any]:
         "torque": {"slider": {"column": "force", "unit": "N"}},
         "train": [{"file": "log.csv", "window": [0, 3]}],
         "validation": [{"file": "log.csv", "window": [3, 4]}],
+        "smoother": {"kind": "spline"},
+        "time_offset": 0,
         **changes,
     }
 

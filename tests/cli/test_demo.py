@@ -1,4 +1,4 @@
-"""``dynident demo``: what it refuses, that its draft needs no answer; `tests/meta/test_tutorial.py` runs it whole."""
+"""``dynident demo``: what it refuses, and its files alone; `tests/meta/test_tutorial.py` runs it whole."""
 
 from __future__ import annotations
 
@@ -8,25 +8,12 @@ import pytest
 
 from dynident.apps.demo import demo_files
 from dynident.cli.demo import LOGS
-from dynident.cli.identification import draft_from_files
-from dynident.project.project import parse_project
 from tests.cli.commands import refuse, succeed
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     return demo_files(tmp_path / "my arm")
-
-
-def test_the_draft_needs_no_answer_and_leaves_tilt_and_terms_to_the_data(folder: Path) -> None:
-    draft, tables = draft_from_files(str(folder / "arm.urdf"), [str(folder / name) for name in LOGS], folder)
-    assert [*draft.questions, *draft.blanks, *draft.notes, *(note for table in tables for note in table.notes)] == []
-    project = parse_project(draft.text + (folder / "controller.yaml").read_text(), folder / "robot.yaml")
-    logs, warnings = project.logs()
-    assert (project.recipe.base_tilt, project.recipe.terms) == ("estimate", "auto")
-    assert (*warnings, *project.warnings, *project.model.notes) == ()
-    assert [len(log) for log in (*logs["train"].values(), *logs["validation"].values())] == [5000, 3750]
-    assert all(log.controller is not None for log in logs["train"].values())
 
 
 @pytest.mark.parametrize(("name", "text"), [("robot.yaml", "model: mine.urdf\n"), ("arm.urdf", "<robot name='mine'/>")])

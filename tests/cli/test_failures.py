@@ -19,6 +19,7 @@ from dynident.cli import failures as interrupt
 from dynident.cli import main
 from dynident.runtime import InputError
 from tests.cli.commands import configure, run, write_log
+from tests.robots import ARM
 
 INTERRUPTED = "Interrupted: each file is as it was or complete; run the same command again.\n"
 
@@ -116,11 +117,15 @@ def command(*words: object, **how: Any) -> subprocess.Popen[str]:
     return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **how)
 
 
+def robot(folder: Path) -> Path:
+    """A robot file, which a command checks with less to import than a configuration."""
+    (folder / "arm.urdf").write_text(ARM)
+    return folder / "arm.urdf"
+
+
 def test_a_reader_that_has_seen_enough(tmp_path: Path) -> None:
     """``dynident check ... | head -1``; it closes the pipe while more is to come."""
-    write_log(tmp_path)
-    config = configure(tmp_path)
-    for words in (("check", *[config] * 4), ("--help",)):
+    for words in (("check", *[robot(tmp_path)] * 4), ("--help",)):
         with command(*words) as process:
             assert process.stdout is not None
             assert process.stderr is not None
@@ -131,10 +136,9 @@ def test_a_reader_that_has_seen_enough(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no device that is always full")
-@pytest.mark.parametrize("arguments", [["--help"], ["check", "identify.yaml"]], ids=str)
+@pytest.mark.parametrize("arguments", [["--help"], ["check", "arm.urdf"]], ids=str)
 def test_a_full_output_is_no_fault(tmp_path: Path, arguments: list[str]) -> None:
-    write_log(tmp_path)
-    configure(tmp_path)
+    robot(tmp_path)
     with open("/dev/full", "w") as full:
         command = [sys.executable, "-m", "dynident", *arguments]
         ended = subprocess.run(command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
@@ -143,9 +147,7 @@ def test_a_full_output_is_no_fault(tmp_path: Path, arguments: list[str]) -> None
 
 @pytest.mark.skipif(sys.platform == "win32", reason="closes the output by a shell")
 def test_a_closed_output_is_no_fault(tmp_path: Path) -> None:
-    write_log(tmp_path)
-    configure(tmp_path)
-    command = f"{sys.executable} -m dynident check identify.yaml <&- >&- 2>&-"
+    command = f"{sys.executable} -m dynident check {robot(tmp_path).name} <&- >&- 2>&-"
     assert subprocess.run(["sh", "-c", command], cwd=tmp_path, check=False).returncode == 0
 
 
@@ -172,8 +174,7 @@ def test_an_interrupt_while_a_class_is_made(tmp_path: Path) -> None:
 
 
 def test_an_interrupt_from_outside(tmp_path: Path) -> None:
-    write_log(tmp_path)
-    with command("check", *[configure(tmp_path)] * 500) as process:
+    with command("check", *[robot(tmp_path)] * 2000) as process:
         assert process.stdout is not None
         process.stdout.readline()
         process.send_signal(signal.SIGINT)

@@ -35,13 +35,6 @@ class TestIdentify:
         actual = {x["name"]: x for x in result["parameters"]}
         for name, true in {"M": 5.0, "Fv": 8.0, "Fc": 3.0, "offset": 0.5}.items():
             assert abs(actual[name]["value"] - true) < max(6 * actual[name]["std_independent"], 0.02), name
-        assert result["estimate"]["determined"]["rank"] == 4
-        train, held = errors_by_log(result, "train"), errors_by_log(result, "validation")
-        assert len(train) == len(held) == 1
-        for errors in (*train.values(), *held.values()):
-            assert errors["relative_error"] < 2.0
-            assert errors["relative_error_filtered"] is None
-            assert errors["per_joint"].keys() == errors["rmse"].keys() == {"slider"}
         digest = hashlib.sha256((tmp_path / "log.csv").read_bytes()).hexdigest()
         (file,) = result["provenance"]["logs"]
         assert (file["path"], file["sha256"]) == (str(tmp_path / "log.csv"), digest)
@@ -51,9 +44,6 @@ class TestIdentify:
         assert f"Computed by {kernel()}." in done.output
         assert digest in report
         assert "http://" not in report.split("<script>")[0]
-        assert "slider" in report
-        for word in ("M", "Fv", "Fc", "kg", "report.html", "result.json"):
-            assert word in done.output
 
     def test_a_model_from_a_file(self, tmp_path: Path) -> None:
         write_log(tmp_path)
@@ -206,19 +196,6 @@ class TestFolder:
         assert done.exit_code == 70
         assert "ZeroDivisionError" in done.output
         assert not (tmp_path / "out").exists()
-
-
-def test_the_summary_is_short_and_ends_with_the_verdict(tmp_path: Path) -> None:
-    write_log(tmp_path)
-    config = configure(tmp_path)
-    lines = succeed("identify", config, "--out", tmp_path / "out").stdout.splitlines()
-    assert len(lines) <= 12
-    assert lines[0].startswith("Torque error, training: ")
-    assert lines[-1].startswith("Verdict: ")
-    assert any(line.startswith(f"Files in {tmp_path / 'out'}: ") for line in lines)
-    told = succeed("identify", config, "-v").stdout
-    assert "Parameters with their standard errors" in told
-    assert told.splitlines()[-1].startswith(lines[-1])
 
 
 class TestWriteConfig:

@@ -1,31 +1,15 @@
-"""Conic programs against optima known by hand, and what is said of those that have none."""
+"""The feasible point nearest to another, and limits of a centre of mass."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from dynident.estimators import BodyConstraint, Constraints, centre_of_mass_limit, interval_limit
-from dynident.estimators.cone import minimise, nearest_feasible
-from dynident.models import Parameter
+from dynident.estimators import BodyConstraint, centre_of_mass_limit
+from dynident.estimators.cone import nearest_feasible
 from dynident.runtime import ConfigError, ModelError
 
-XYZ = tuple(Parameter(name, "") for name in "xyz")
 HESSIAN = np.array([[2.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 4.0]])
-COST = np.array([-1.0, -2.0, 8.0])
-ZERO, WHOLE = np.zeros(3), np.eye(3)
-
-
-def test_limits_hold_where_they_act_and_only_there() -> None:
-    """x >= 1, y = 0.5, z <= 5: the first two act, and z is free at -2."""
-    limit = interval_limit("bounds", XYZ, {0: (1.0, None), 1: (0.5, 0.5), 2: (None, 5.0)})
-    minimum = minimise(HESSIAN, COST, Constraints((limit,)), ZERO, WHOLE)
-    np.testing.assert_allclose(minimum.point, [1.0, 0.5, -2.0], atol=1e-6)
-    assert minimum.is_optimal
-    assert minimum.stationarity < 1e-7
-    assert minimum.gap < 1e-7
-    shifted = minimise(HESSIAN, COST, Constraints((limit,)), np.array([-2.0, 0.5, 1.0]), np.diag([2.0, 1.0, 1.0]))
-    np.testing.assert_allclose(shifted.point[:2], [1.5, 0.0], atol=1e-6)
 
 
 def test_the_nearest_feasible_point_keeps_the_slack() -> None:

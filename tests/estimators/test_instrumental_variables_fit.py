@@ -72,17 +72,6 @@ def test_auto_takes_the_first_kind_that_a_recording_has() -> None:
     assert kinds == [(simulated,), (repeated,), (lagged,), (lagged,), (simulated, repeated)]
 
 
-def test_says_what_was_used_and_what_became_of_least_squares() -> None:
-    problem = posed(recorded(SHORT, CONTROLLER, 3, NOISE))
-    result = InstrumentalVariables()(problem)
-    (used,) = result.notes
-    assert isinstance(used, InstrumentsUsed)
-    assert (used.parameter, used.lag) == ("M", None)
-    assert 0.8 < used.correlation < 1.0
-    plain = LeastSquares()(problem)
-    assert used.moved == pytest.approx(abs(result.value[0] - plain.value[0]) / result.std[0], rel=1e-6)
-
-
 def test_weak_instruments_are_said() -> None:
     """Long after a sample, nothing of a motion is left that its own noise exceeds tenfold."""
     result = InstrumentalVariables("lagged", lag=1.5)(posed(recorded(SHORT, None, 1, 1e-4)))

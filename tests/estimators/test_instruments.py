@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.estimators.instrument_moments import _add_partner_scores, moments_of, score_information
+from dynident.estimators.instrument_moments import _add_partner_scores, moments_of
 from dynident.estimators.instruments import InstrumentKind, Instruments, cutoff_frequency, lag_of
 from dynident.estimators.least_squares import LinearFit, weight_joints
 from dynident.models.lagrangian import two_link_arm
@@ -66,25 +66,6 @@ def test_is_the_just_identified_solution_of_dense_matrices(low, monkeypatch: pyt
     residual = (y - X @ result.value).reshape(-1, 2) / WEIGHTS
     expected = np.square(residual).sum(axis=0) / result.rows
     np.testing.assert_allclose(result.residual(result.to_basis(result.value)), expected, rtol=1e-9)
-
-
-def test_the_covariance_is_that_of_dense_matrices_where_residuals_are_white() -> None:
-    """A^-1 (sum_j w_j^4 s_j^2 W_j' W_j) A^-T, but for what the estimate of a long-run covariance scatters."""
-    case = motion(4, 20_000)
-    truth = np.array(ARM.values)
-    case = replace(case, tau=ARM.torque(case.q, case.dq, case.ddq, truth) + case.tau * (0.1, 3.0))
-    rows = Regression(ARM, (case,))
-    others = replace(rows, motions=(noisy(case, 5),))
-    result, rank = solved(rows, others)
-    given = [Instruments(others.motions[0], InstrumentKind.LAGGED)]
-    information, independent = score_information(result, rows, others, given, rank)
-    (X, _), (W, _) = (dense(each, WEIGHTS) for each in (rows, others))
-    bread = np.linalg.inv(W.T @ X)
-    weighted_rows = W * np.tile(WEIGHTS * (0.1, 3.0), len(case))[:, None]
-    expected = bread @ (weighted_rows.T @ weighted_rows) @ bread.T
-    std = np.sqrt(np.diag(np.linalg.inv(information)))
-    np.testing.assert_allclose(std, np.sqrt(np.diag(expected)), rtol=0.25)
-    assert 2000 <= independent <= 20_000
 
 
 MOTION, _ = driven(60)

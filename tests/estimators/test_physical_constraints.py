@@ -5,24 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.estimators import bodies_of, estimate_sizes, physical_constraints
+from dynident.estimators import bodies_of, estimate_sizes
 from dynident.models import INERTIAL, Parameter
 from tests.estimators.arms import arm, problem
-from tests.estimators.welded import random_body, single
-
-
-def test_bodies_and_signs() -> None:
-    model = single(None, ("viscous", 3), ("rotor", 3))
-    result = physical_constraints(model, np.zeros((1, len(model.joints))))
-    theta = np.append(random_body(np.random.default_rng(1)), [0.1, 0.2])
-    assert [body.name for body in result.bodies] == ["b1"]
-    assert result.matrices == ()
-    assert [limit.family for limit in result.limits if len(limit.rows)] == ["viscous friction", "rotor inertia"]
-    assert result.violation(theta) <= 0
-    for k, value in ((0, -1.0), (10, -0.1), (11, -0.3)):
-        broken = theta.copy()
-        broken[k] = value
-        assert result.violation(broken) > 0, model.names[k]
 
 
 @pytest.mark.parametrize(

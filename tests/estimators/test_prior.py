@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from dynident.estimators import PhysicallyConsistent
-from dynident.estimators.notes import DecidedByPrior, NotIdentifiable, RankDeficient
+from dynident.estimators.notes import DecidedByPrior, RankDeficient
 from dynident.models import Model, change_frame
-from tests.estimators.welded import cloud, pair, problem, random_body, single
+from tests.estimators.welded import cloud, pair, problem, random_body
 
 Array = NDArray[np.float64]
 ROD = cloud(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.4]]), np.array([1.0, 1.0]))
@@ -46,16 +46,3 @@ def test_prior_that_agrees_with_the_data_is_the_answer(distance: Any) -> None:
     model, _ = pair(BODY, both[10:])
     result = PhysicallyConsistent(distance=distance)(problem(model, both))
     np.testing.assert_allclose(result.value, both, atol=1e-8)
-
-
-def test_without_a_prior_the_free_is_unidentifiable_and_small() -> None:
-    """Without forces the mass makes no torque: the least one that the rest allows is taken."""
-    model = single(None, moments_only=True)
-    result = PhysicallyConsistent(prior="none")(problem(model, BODY, 0.01))
-    assert result.provenance[0] == "unidentifiable"
-    assert set(result.provenance[1:]) <= {"data", "bound"}
-    assert np.isinf(result.std[0])
-    assert np.isfinite(result.std[1:]).all()
-    np.testing.assert_allclose(result.value[1:], BODY[1:], atol=5 * result.std[1:].max())
-    assert 0 < result.value[0] < BODY[0]
-    assert NotIdentifiable(1) in result.notes

@@ -1,4 +1,4 @@
-"""Robust least squares: known minima, wrong torques, standard errors that hold, and rows of every kind."""
+"""Robust least squares: known minima, wrong torques, and standard errors that hold."""
 
 from __future__ import annotations
 
@@ -75,24 +75,6 @@ def test_every_tenth_torque_wrong(loss, one_sided):
         np.testing.assert_allclose(result.residual.sigma, 0.05, rtol=0.4)
     covered = np.mean(inside, axis=(0, 2))
     assert (covered > 0.9).all() == (loss == "tukey" or not one_sided), covered  # 140 intervals: 0.9 is 2.7 deviations
-
-
-@every_loss
-def test_rows_of_every_kind(loss):
-    """Filtered and decimated, slow ones left out, in several logs: weights have the shape of the motions, and rows that
-    are not fitted do not count."""
-    model = two_link_arm()
-    motions = tuple(spoilt(multisine_motion(model, 0.05, seed, 800), 0.02, seed) for seed in range(2))
-    left_out = np.random.default_rng(0).random(motions[0].q.shape) < 0.9
-    odd = replace(motions[0], keep=left_out, tau=np.where(left_out, motions[0].tau, 50.0))
-    for regression in (
-        Regression(model, (odd, motions[1]), selection=Selection(min_speed=(0.1, 0.1))),
-        Regression(model, motions, Selection(ParallelFilter(decimate=3))),
-    ):
-        result = RobustLeastSquares(loss)(Problem(model, regression.motions, regression))
-        assert [sample_weight.shape for sample_weight in result.residual.sample_weights] == [(800, 2)] * 2
-        assert [slope.shape for slope in result.residual.slopes] == [(800, 2)] * 2
-        assert (np.abs(result.value - truth(model)) < 4.5 * result.std).all()
 
 
 ARM = two_link_arm()

@@ -75,19 +75,6 @@ def test_a_command_that_is_known_drives_the_model() -> None:
         OutputError(torque="commanded")(posed((replace(log, command=None), motion)))
 
 
-def test_gaps_and_several_recordings() -> None:
-    """What is masked out of segments, in the middle of one of two recordings, does not count."""
-    pairs = [recorded(MOTION, CONTROLLER, seed) for seed in range(2)]
-    log, motion = pairs[0]
-    mask = np.ones(len(motion), dtype=bool)
-    mask[120:150] = False
-    q = np.where(mask[:, None], log.q, 1.0)
-    gap = [(replace(log, q=x), replace(motion, mask=mask)) for x in (q, log.q)]
-    result = [OutputError(loop="open", segment=0.3)(posed(x, pairs[1])) for x in gap]
-    np.testing.assert_array_equal(result[0].value, result[1].value)
-    assert (np.abs(result[0].value - TRUTH) < 6 * result[0].std).all()
-
-
 def test_a_torque_stamped_late_drives_the_model_then() -> None:
     """Positions stamped 3 ms late, and the motion corrected for it, as ``identify`` does."""
     long = smooth(600)

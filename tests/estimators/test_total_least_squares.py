@@ -13,13 +13,13 @@ from dynident.estimators.notes import ErrorsInRegressor
 from dynident.estimators.total_least_squares import _solve_total, motion_noise
 from dynident.models import Joint, Model, RotorInertia
 from dynident.models.friction import Offset, Viscous
-from dynident.models.lagrangian import pendulum, two_link_arm
+from dynident.models.lagrangian import pendulum
 from dynident.models.simulation import record, simulate
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Butterworth, Difference, Spline
 from dynident.regression import Regression, rank_of
 from dynident.runtime import ConfigError, InputError, Use
-from dynident.testing.estimator import make_problem, multisine_motion
+from dynident.testing.estimator import make_problem
 
 JOINT = (Joint("one", "prismatic"),)
 CART = Model((RotorInertia(JOINT), Viscous(JOINT), Offset(JOINT)))
@@ -101,21 +101,6 @@ def test_noise_of_the_positions():
     assert (np.mean(plain, axis=0) < -0.04).all()
     assert (np.abs(np.mean(total, axis=0)) < 0.2 * np.abs(np.mean(plain, axis=0))).all()
     assert (np.sqrt(np.square(total).mean(axis=0)) < 2 * np.mean(std, axis=0)).all()
-
-
-def test_only_directions_that_the_data_determine():
-    arm = two_link_arm()
-    model = arm.with_terms(RotorInertia(arm.joints))  # a rotor's inertia adds to that of its link
-    problem = make_problem(model, multisine_motion(arm, 0.05))
-    sizes = dict.fromkeys(model.names, 1e-3)
-    result = TotalLeastSquares(sizes)(problem)
-    plain = LeastSquares(weights="per_joint")(problem)
-    assert result.determined.rank == plain.determined.rank < len(model.names)
-    np.testing.assert_array_equal(np.isinf(result.std), np.isinf(plain.std))
-    np.testing.assert_allclose(result.value, plain.value, atol=4 * plain.std[np.isfinite(plain.std)].max())
-    held = PhysicallyConsistent(fit=TotalLeastSquares(sizes), prior="none")(problem)
-    reference = ~held.determined.directions.undetermined_mask
-    np.testing.assert_allclose(held.value[reference], result.value[reference], atol=0.1 * result.std[reference].max())
 
 
 def test_more_error_than_motion_forbids_any_use_also_of_a_consistent_fit():

@@ -31,8 +31,9 @@ def test_what_commands_print_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     write_log(tmp_path, "a.csv")
     write_log(tmp_path, "b.csv", rate=4.0)
     write_log(tmp_path, "dead.csv", force=np.zeros(2000))
-    configure(tmp_path, train=[{"file": "a.csv"}], validation=[{"file": "b.csv"}]).rename("robot.yaml")
-    configure(tmp_path, train=[{"file": "a.csv"}, {"file": "dead.csv"}], validation=[]).rename("dead.yaml")
+    chosen = {"smoother": {"kind": "spline", "rule": "torque"}, "time_offset": "estimate"}  # as by default
+    configure(tmp_path, train=[{"file": "a.csv"}], validation=[{"file": "b.csv"}], **chosen).rename("robot.yaml")
+    configure(tmp_path, train=[{"file": "a.csv"}, {"file": "dead.csv"}], validation=[], **chosen).rename("dead.yaml")
     lines = list[str]()
     for words in COMMANDS:
         done = run(*words)

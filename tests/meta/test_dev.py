@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from dynident.cli import main
-from tests.cli.commands import configure, write_log
+from tests.robots import ARM
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="the environment is stood in for by a shell script")
@@ -76,8 +76,8 @@ def test_the_exit_code_and_the_streams_are_those_of_the_command(user: Path) -> N
 
 
 def test_a_signal_reaches_the_command(user: Path) -> None:
-    write_log(user)
-    process = start(user, "run", "check", *[str(configure(user))] * 500)
+    (user / "arm.urdf").write_text(ARM)
+    process = start(user, "run", "check", *["arm.urdf"] * 2000)
     assert process.stdout is not None
     process.stdout.readline()
     process.send_signal(signal.SIGTERM)

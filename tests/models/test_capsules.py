@@ -4,9 +4,6 @@ import numpy as np
 import pytest
 
 import dynident as dy
-from dynident.apps.demo import demo_files
-from dynident.apps.demo.arm import BASE, LINKS
-from dynident.files.meshes import read_geometry
 from dynident.models.capsules import body_capsules, bounding_balls, default_link_radius, fixed_boxes
 from dynident.models.geometry import Solid, build_geometry
 from dynident.models.robot_files import ShapeKind, rotation
@@ -35,20 +32,6 @@ def two_joints(*links):
 
 def capsules(xml, meshes=None):
     return body_capsules(build_geometry(dy.RigidBodies(xml), (meshes or {}).get))
-
-
-def test_the_capsules_of_the_demo_arm_are_found_again(tmp_path) -> None:
-    robot = demo_files(tmp_path) / "arm.urdf"
-    bodies = dy.RigidBodies(robot.read_text())
-    result = body_capsules(read_geometry(bodies, robot))
-    assert [x.link for x in result] == [x.name for x in (BASE, *LINKS)]
-    for capsule, true in zip(result, (BASE, *LINKS), strict=True):
-        ends = np.array([capsule.start, capsule.end])
-        shape = true.shape
-        if np.linalg.norm(ends[0] - shape.start) > np.linalg.norm(ends[1] - shape.start):
-            ends = ends[::-1]
-        assert ends == pytest.approx(np.array([shape.start, shape.end]), abs=2e-3)
-        assert capsule.radius == pytest.approx(shape.radius, rel=0.01)
 
 
 def test_balls_at_the_ends_of_a_cylinder_and_it_are_one_capsule() -> None:

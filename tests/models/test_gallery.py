@@ -1,21 +1,10 @@
 """The ready-made models have the parameters that they promise."""
 
 import numpy as np
-import pytest
 
-from dynident.models.lagrangian import MODELS, two_link_arm
+from dynident.models.lagrangian import two_link_arm
 
 PUBLISHED = (0.0340, 0.0030, 0.0045, 0.1329, 0.0170, 0.6189, 0.6189)  # article, tables 2, 4 and 6, "True value"
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_registry(name):
-    model = MODELS[name]()
-    assert model.name == name
-    assert MODELS[name].__doc__.splitlines()[0].endswith(".")
-    assert MODELS[name]() is model
-    theta = np.ones(len(model.names)) if model.values is None else model.values
-    assert model.check_mass_matrix(np.zeros((1, len(model.joints))), theta).positive
 
 
 def test_two_link_arm_is_the_article_s():

@@ -1,4 +1,4 @@
-"""What terms remember is carried by motions, and is needed where they are evaluated."""
+"""What terms remember is needed where they are evaluated."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pytest
 from dynident.models import Model, drop_load_dependence
 from dynident.models.friction import Coulomb, Dahl, Drift, LoadCoulomb, Viscous
 from dynident.models.lagrangian import pendulum
-from dynident.motion.log import Motion, thin_motions
+from dynident.motion.log import Motion
 from dynident.regression import Regression
 from dynident.runtime import InputError, ModelError
 
@@ -21,18 +21,6 @@ def swinging(samples=5000):
     t = np.linspace(0.0, 10.0, samples)
     q, dq, ddq = (np.sin(4 * t + k * np.pi / 2)[:, None] * 4**k for k in range(3))
     return Motion(t, q, dq, ddq, 0 * q, ("pivot",), np.ones(samples, bool), "swing")
-
-
-def test_a_motion_carries_what_is_remembered_of_it():
-    motion = HYSTERETIC.remembering(swinging())
-    assert HYSTERETIC.memory == 2
-    assert motion.memory.shape == (5000, 2)
-    (few,) = thin_motions([motion], 100)
-    np.testing.assert_array_equal(few.memory, motion.memory[np.searchsorted(motion.t, few.t)])
-    np.testing.assert_array_equal(motion.select_between(1.0, 2.0).memory, motion.memory)
-    assert pendulum().remembering(motion.select_between(0.0)).memory is motion.memory, (
-        "a model without memory needs none"
-    )
 
 
 def test_a_motion_without_its_memory_is_refused():
@@ -48,15 +36,6 @@ def test_a_memory_of_another_length_is_refused():
     motion = swinging(50)
     with pytest.raises(InputError, match="memory has shape"):
         replace(motion, memory=np.zeros((49, 1)))
-
-
-def test_the_load_is_the_torque_of_the_bodies():
-    theta = np.array([0.1, 0.2, 5.0, 7.0])
-    model, motion = LOADED.with_load(theta), swinging()
-    assert model.load == (0.1, 0.2)
-    memory = model.remembering(motion).memory
-    np.testing.assert_allclose(memory, pendulum().torque(**motion.states(), theta=theta[:2]))
-    assert not LOADED.remembering(motion).memory.any(), "there is none without a first fit"
 
 
 def test_the_load_is_found_without_the_terms_that_need_it():

@@ -10,7 +10,7 @@ from dynident.runtime import ModelError
 from tests.robots import ARM
 
 RNG = np.random.default_rng(3)
-Q, DQ, DDQ = RNG.normal(size=(3, 7, 2))
+Q, DQ = RNG.normal(size=(2, 7, 2))
 JOINTS = (Joint("a"), Joint("b"))
 
 
@@ -29,16 +29,6 @@ def test_mass_matrix_and_bias_of_the_article():
     np.testing.assert_allclose(arm.bias(Q, DQ, theta), bias, rtol=1e-12, atol=1e-14)
 
 
-def test_theta_per_sample_equals_one_call_per_sample():
-    arm = two_link_arm()
-    thetas = arm.values * RNG.uniform(0.9, 1.1, (7, 7))
-    for k, theta in enumerate(thetas):
-        row = slice(k, k + 1)
-        case = arm.torque(Q[row], DQ[row], DDQ[row], theta)
-        np.testing.assert_allclose(arm.torque(Q, DQ, DDQ, thetas)[row], case, rtol=1e-13, atol=1e-15)
-        np.testing.assert_allclose(arm.mass_matrix(Q, thetas)[row], arm.mass_matrix(Q[row], theta), rtol=1e-12)
-
-
 @pytest.mark.parametrize("theta", [(0.0, 8.0, 3.0, 0.5), (1e-320, 8.0, 3.0, 0.5)])
 def test_forward_of_a_massless_model(theta):
     with pytest.raises(ModelError, match=r"slider: the mass matrix is singular at q = \[0.1\] for theta = \["):
@@ -53,22 +43,6 @@ def test_forward_finds_the_singular_sample_among_thetas():
         arm.forward_dynamics(
             [[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]], np.ones((3, 2)), [[1.0, -1.0]] * 3, [arm.values, bad, arm.values]
         )
-
-
-def test_the_mass_matrix_comes_from_the_terms_that_have_it():
-    """Mixed with terms that have none; the result is that of the torques."""
-    bodies = RigidBodies(ARM)
-    model = Model((bodies, Viscous(bodies.joints), RotorInertia(bodies.joints)))
-    rng = np.random.default_rng(0)
-    q, dq, theta = *rng.normal(size=(2, 5, 3)), rng.normal(size=len(model.names))
-    mass, bias = model.mass_and_bias(q, dq, theta)
-    np.testing.assert_allclose(bias, model.torque(q, dq, np.zeros_like(q), theta), rtol=1e-12, atol=1e-12)
-    for k, unit in enumerate(np.eye(3)):
-        column = model.torque(q, dq, np.tile(unit, (5, 1)), theta) - bias
-        np.testing.assert_allclose(mass[:, :, k], column, rtol=1e-11, atol=1e-11)
-    case, rest = model.mass_and_bias(q, dq, np.tile(theta, (5, 1)))
-    np.testing.assert_allclose(case, mass, rtol=1e-11, atol=1e-11)
-    np.testing.assert_allclose(rest, bias, rtol=1e-11, atol=1e-11)
 
 
 def test_a_mass_matrix_of_the_wrong_shape_is_named(monkeypatch):

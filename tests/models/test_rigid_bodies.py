@@ -16,29 +16,11 @@ def values(term):
     return np.array([p.value for p in term.parameters], dtype=float)
 
 
-def test_links_that_do_not_move_against_each_other_are_one_body():
-    """The tool is on the slide; with the rail locked, all of it is on the upper arm."""
-    assert RigidBodies(ARM).merged_links == {"slide": ("tool",)}
-    assert values(RigidBodies(ARM))[10] == 1.5
-    locked = RigidBodies(ARM, locked={"rail": 0.3})
-    assert locked.merged_links == {"upper": ("slide", "tool")}
-    assert values(locked)[0] == 3.5
-    assert RigidBodies(ARM, joints_used=("twist",)).merged_links == {"base": ("upper", "slide", "tool")}
-
-
 def test_limits_and_nominal_friction():
     text = ARM.replace('<axis xyz="0.0 1.0 0.0"/>', '<axis xyz="0 1 0"/><dynamics damping="0.3" friction="0.1"/>')
     term = RigidBodies(text, joints_used=("twist", "shoulder"))
     assert term.limits == {"twist": RobotJointLimits(), "shoulder": RobotJointLimits(10.0, 2.0, -1.0, 1.0)}
     assert (term.damping, term.friction, term.armature) == ({"twist": 0.3}, {"twist": 0.1}, {})
-
-
-def test_limits_and_nominal_values_of_an_mjcf():
-    term = RigidBodies(ARM_MJCF)
-    assert term.format == "mjcf"
-    assert term.limits["shoulder"] == RobotJointLimits(effort=10.0, lower=-1.0, upper=1.0)
-    assert term.damping == {"shoulder": 0.4, "rail": 0.1, "twist": 0.4}
-    assert (term.friction, term.armature) == ({"shoulder": 0.2}, {"rail": 0.01})
 
 
 def test_missing_meshes_and_materials_do_not_matter():
@@ -125,34 +107,6 @@ def test_neither_pinocchio_nor_sympy_is_needed():
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "(2, 3, 30)"
-
-
-@pytest.mark.parametrize(
-    ("by", "xyz", "axis"),
-    [
-        ((0.1, -0.2, 0.3, 0, 0, 0, 0, 0, 0), (0.1, -0.1, 0.4), (1, 0, 0)),
-        ((0, 0, 0, 0, 0, 0, 0, 0, np.pi / 2), (0, 0.1, 0.1), (0, 1, 0)),
-    ],
-)
-def test_a_joint_is_displaced_as_if_the_file_said_so(by, xyz, axis):
-    def arm(xyz, axis):
-        return RigidBodies(
-            urdf(
-                link("base"), link("one", 2.0, (0.1, 0, 0.2)), link("tip"), link("two", 1.0, (0.2, 0.1, 0)),
-                joint("a", "revolute", "base", "one", (0, 0.1, 0.3), (0.2, 0, 0.1)),
-                joint("fix", "fixed", "one", "tip", (0, 0, 0.2), (0.5, 0, 0.3)),
-                joint("b", "revolute", "tip", "two", xyz, (0.1, 0.2, 0.3), axis=axis),
-            )
-        )  # fmt: skip
-
-    rng = np.random.default_rng(2)
-    states = rng.standard_normal((3, 5, 2))
-    expected = arm(xyz, axis).regressor(*states)
-    given = arm((0, 0.1, 0.1), (1, 0, 0))
-    np.testing.assert_allclose(given.with_displacement("b", by).regressor(*states), expected, atol=1e-12)
-    half = tuple(0.5 * np.array(by))
-    twice = given.with_displacement("b", half).with_displacement("b", half)
-    np.testing.assert_allclose(twice.regressor(*states), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("kernel", [True, False])

@@ -1,4 +1,4 @@
-"""A term has defaults for all that it does not say, and inherits nothing that is said of another regressor."""
+"""A term has defaults for all that it does not say, and what is no term is named."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.models import Joint, Lagrangian, Model, Parameter, Partials, RigidBodies, Term
-from dynident.models.friction import Viscous
+from dynident.models import Joint, Model, Parameter, Partials, RigidBodies, Term
 from dynident.models.lagrangian import two_link_arm
 from dynident.runtime import ModelError
 from dynident.runtime.families import TERMS
@@ -65,21 +64,6 @@ def test_a_term_of_a_regressor_alone_has_everything() -> None:
     assert term.with_smooth_sign(np.ones(2)) == (term,)
     with pytest.raises(ModelError, match=r"cannot hold the term Plain.*`numpy_source`"):
         term.numpy_source("torque", theta)
-
-
-@pytest.mark.parametrize("base", [Viscous, RigidBodies, Lagrangian])
-def test_another_regressor_returns_to_the_defaults(base: type[Term]) -> None:
-    class Other(base):  # type: ignore[misc, valid-type]
-        def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
-            return 2.0 * super().regressor(q, dq, ddq)  # type: ignore[no-any-return]
-
-    class Again(Other):
-        def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
-            return self.regressor(q, dq, ddq) @ theta
-
-    assert all(getattr(Other, name) is getattr(Term, name) for name in FOLLOWING)
-    assert [name for name in FOLLOWING if getattr(Again, name) is not getattr(Term, name)] == ["torque"]
-    assert Other.partials is base.partials
 
 
 def test_what_is_no_term_is_refused() -> None:

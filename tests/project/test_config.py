@@ -1,31 +1,14 @@
-"""Configurations: what they hold, the models they name, and what is warned of."""
+"""Configurations: the models they name, and what is warned of."""
 
 from __future__ import annotations
-
-import pickle
 
 import pytest
 import yaml
 
 from dynident.files.yaml_text import load_yaml
 from dynident.project.config import config_warnings, load_model, parse_config, read_config
-from dynident.project.settings import check_joints
 from dynident.runtime import ConfigError, ModelError
-from tests.project.configurations import FULL, SLIDER, TWO
-
-
-def test_a_full_configuration(tmp_path):
-    (tmp_path / "emps.yaml").write_text(FULL)
-    config = read_config(tmp_path / "emps.yaml")
-    check_joints(config, SLIDER)
-    assert config.train[0].file == {"": tmp_path / "DATA_EMPS.mat"}
-    assert config.train[0].window == ((0, 20),)
-    assert [spec.name for spec in (*config.train, *config.validation)] == ["DATA_EMPS", "pulses"]
-    assert config.torque["slider"].gain == "gtau"
-    assert config.smoother.sigma == 1e-6
-    assert config.estimator.tolerance == 1e-10  # PyYAML reads these two as texts
-    assert config.filter.decimate == 10
-    assert pickle.loads(pickle.dumps(config)) == config
+from tests.project.configurations import FULL, TWO
 
 
 def test_the_file_of_a_fleet_is_named_as_such():

@@ -133,19 +133,6 @@ def test_a_result_does_not_run_the_file_of_a_function_unasked(tmp_path):
         config_of(tmp_path, LAW, allow_code=False)
 
 
-@pytest.mark.parametrize("simulation", [PD, PID, LAW, CASCADE])
-def test_references_are_at_the_times_of_evenly_spaced_samples(tmp_path, simulation):
-    t = np.arange(101) * 0.01
-    noisy = t + np.random.default_rng(0).uniform(-1e-3, 1e-3, 101)
-    recordings(tmp_path, t=noisy, v=t)
-    (tmp_path / "law.py").write_text("def law(t, q, dq, reference, k=1.0):\n    return k * reference\n")
-    config = config_of(tmp_path, simulation)
-    config = config.model_copy(update={"time": config.time.model_copy(update={"spacing": "even"})})
-    (log,) = read_logs(config.train[0], config, SLIDER).logs
-    np.testing.assert_allclose(log.controller.t, log.t, atol=1e-12)
-    assert np.ptp(np.diff(log.t)) < 1e-9
-
-
 def test_a_drive_may_be_faster_than_its_log_and_see_another_velocity(tmp_path):
     recordings(tmp_path)
     config = config_of(tmp_path, CASCADE.replace("cascade,", "cascade, period: 0.0025, velocity_steps: 2,"))

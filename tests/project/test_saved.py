@@ -15,7 +15,7 @@ import pytest
 from dynident.estimators import LeastSquares, PhysicallyConsistent
 from dynident.estimators.maximum_likelihood import MaximumLikelihood
 from dynident.estimators.notes import NotIdentifiable
-from dynident.identification import Calibration, Gain, Identification, Recipe, Rests, TimeOffset, identify, judge
+from dynident.identification import Calibration, Gain, Identification, Recipe, Rests, TimeOffset, identify
 from dynident.models import Model
 from dynident.models.friction import Viscous
 from dynident.models.lagrangian import slider, two_link_arm
@@ -153,19 +153,6 @@ def test_numbers_that_are_not_finite_and_rare_nouns_are_kept(tmp_path: Path) -> 
     assert str(odd.warnings).startswith(
         "Warning: 3 parameters are determined by neither data nor prior\nNote: a: 1 s at its start, where the arm is at"
     )
-
-
-def test_a_configuration_builds_the_model_again(tmp_path: Path) -> None:
-    write_log(tmp_path)
-    write_log(tmp_path, "other.csv", rate=4.0)
-    held_out = [{"file": "other.csv", "window": [0, 3]}]
-    outcome = run(configure(tmp_path, validation=held_out, simulation={"kind": "measured_torque"}))
-    path = outcome.save(tmp_path / "result.json")
-    again = load(path)
-    assert_same(outcome, again)
-    (log,) = read_log_like(again, str(tmp_path / "log.csv")).logs
-    assert again.predict(log).errors.relative_error < 2
-    assert judge(outcome).reasons == ()
 
 
 def test_a_model_from_python_must_be_given_again(tmp_path: Path) -> None:

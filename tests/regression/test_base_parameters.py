@@ -143,18 +143,6 @@ def on_data(model: Model, *motions: Motion) -> BaseParameters:
     return base_parameters(Regression(model, motions).triangular_factors.stack(), model.parameters)
 
 
-def test_missing_excitation_is_named() -> None:
-    """Joint b stands still: its friction cannot be seen, that of a can."""
-    joints = (Joint("a"), Joint("b"))
-    model = Model((Viscous(joints), Coulomb(joints), Offset(joints)))
-    made = motion(model, still=(1,))
-    missing = find_unexcited(structural_base_parameters(model), on_data(model, made), model, [made])
-    assert {m.groupings for m in missing} == {("Fv_b",), ("Fc_b",)}
-    assert {m.joints for m in missing} == {("b",)}
-    assert {(m.together, m.still) for m in missing} == {(False, ("b",))}
-    assert find_unexcited(structural_base_parameters(model), on_data(model, motion(model)), model) == ()
-
-
 def test_joints_that_help_only_together() -> None:
     """Two columns that differ only where both joints move: neither alone shows the difference."""
     joints = (Joint("a"), Joint("b"))

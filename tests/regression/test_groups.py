@@ -9,7 +9,7 @@ from dynident.apps.demo.arm import true_model
 from dynident.models import CoupledMotor, Joint, Model, RotorInertia
 from dynident.models.friction import Coulomb, Offset, Ripple, Viscous
 from dynident.motion.log import Motion
-from dynident.regression import GroupKind, evidence, groups_of, kinds_of, structural_base_parameters
+from dynident.regression import GroupKind, evidence, groups_of, structural_base_parameters
 from dynident.regression.groups import repeated_rows
 
 
@@ -29,18 +29,6 @@ def test_each_joint_has_its_groups_and_the_last_body_a_payload() -> None:
     for group in groups:
         assert group.directions.shape == (basis.rank, len(group.names))
         assert np.linalg.matrix_rank(group.directions / np.linalg.norm(group.directions, axis=0)) == len(group.names)
-
-
-def test_a_change_of_the_parameters_moves_the_base_parameters_within_its_group() -> None:
-    arm = true_model()
-    basis, rng = structural_base_parameters(arm), np.random.default_rng(0)
-    kinds = dict(zip(arm.names, kinds_of(arm), strict=True))
-    for case in groups_of(arm, basis):
-        assert {kinds[name] for name in case.names} == {case.kind}
-        theta, other = np.zeros(len(arm.names)), np.zeros(len(arm.names))
-        columns = [arm.names.index(name) for name in case.names]
-        other[columns] = step = rng.standard_normal(len(columns))
-        np.testing.assert_allclose(basis.to_base(other) - basis.to_base(theta), case.directions @ step, atol=1e-12)
 
 
 def test_the_friction_of_a_coupled_motor_is_its_own() -> None:

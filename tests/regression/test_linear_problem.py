@@ -13,7 +13,7 @@ from dynident.models.friction import Viscous
 from dynident.motion.log import Motion
 from dynident.regression import ParallelFilter, Regression, Selection, linear_problem
 from dynident.runtime import InputError
-from tests.regression.random_motion import ARM, THETA, holes, motion
+from tests.regression.random_motion import ARM, holes, motion
 
 Array = NDArray[np.float64]
 
@@ -94,18 +94,3 @@ def test_memory_does_not_grow_with_the_samples(
     )
     assert len(term.asked) > 5
     assert max(term.asked) <= most
-
-
-@pytest.mark.parametrize("parallel_filter", [None, ParallelFilter(decimate=4)], ids=repr)
-def test_a_bias_is_taken_off_the_solution_alone(parallel_filter: ParallelFilter | None) -> None:
-    plain = Regression(ARM, (motion(), motion(seed=1)), Selection(parallel_filter))
-    bias = np.linspace(0.1, 0.7, len(THETA))
-    less = plain.subtract_bias(bias)
-    result, before = (solve_least_squares(x.triangular_factors.stack()) for x in (less, plain))
-    np.testing.assert_allclose(result.value, before.value - bias, rtol=1e-8)
-    assert result.rss == pytest.approx(before.rss)
-    streamed = solve_least_squares(replace(plain, bias=bias).triangular_factors.stack())
-    np.testing.assert_allclose(streamed.value, result.value, rtol=1e-8)
-    np.testing.assert_allclose(
-        solve_least_squares(less.subtract_bias(-bias).triangular_factors.stack()).value, before.value, rtol=1e-8
-    )

@@ -1,4 +1,4 @@
-"""The parallel filter: pieces that fit together, its gain, decimation, and short stretches."""
+"""The parallel filter: pieces that fit together, its gain, and decimation."""
 
 from typing import Any
 
@@ -49,16 +49,6 @@ def test_gain_of_the_filter(frequency: float) -> None:
     ratio = np.tan(np.pi * frequency / RATE) / np.tan(np.pi * 5.0 / RATE)
     result = parallel_filter.apply(parallel_filter.sections(made), x)[500:-500]
     np.testing.assert_allclose(result, x[500:-500] / (1 + ratio**4), atol=1e-6)
-
-
-@pytest.mark.parametrize("used", [1, 2, 5])
-def test_stretches_shorter_than_the_filter(used: int) -> None:
-    """A single sample cannot be filtered; more give finite numbers."""
-    mask = np.zeros(100, dtype=bool)
-    mask[10 : 10 + used] = mask[40:] = True
-    Y, tau = drawn((motion(100, mask=mask),), ParallelFilter(cutoff=10.0))
-    assert len(tau) == 60 + (used if used > 1 else 0)
-    assert np.isfinite(Y).all()
 
 
 @pytest.mark.parametrize(

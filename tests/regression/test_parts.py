@@ -18,7 +18,7 @@ from dynident.regression import (
     merge_factors,
 )
 from dynident.runtime import InputError
-from tests.regression.test_linear_problem import ARM, THETA, holes, motion
+from tests.regression.random_motion import ARM, THETA, holes, motion
 from tests.regression.test_triangular import squares
 
 

@@ -23,7 +23,6 @@ from dynident.regression import (
 )
 from dynident.runtime import ConfigError
 from dynident.testing.estimator import multisine_motion
-from tests.estimators.arms import arm, problem
 
 Array = NDArray[np.float64]
 ARM = two_link_arm()
@@ -104,19 +103,6 @@ def test_rows_are_those_of_a_dense_computation(
     used = [np.ones(b.tau.shape, dtype=bool) if b.keep is None else b.keep for b in regression.blocks()]
     X = np.concatenate([y[u.ravel()] for y, u in zip(Y, used, strict=True)])
     np.testing.assert_allclose(X.T @ X, G[:-1, :-1], atol=1e-12 * np.abs(G).max())
-
-
-def test_columns_that_depend_on_others_do_so_in_mixed_rows() -> None:
-    plain = problem(arm(), samples=300).regression
-    n = len(plain.model.joints)
-    rng = np.random.default_rng(0)
-    mixing = np.tril(rng.uniform(-0.5, 0.5, (n, n)), -1) + np.eye(n)
-    noise = Whitening(tuple(np.array([0.1 * j]) for j in range(n)), mixing @ mixing.T)
-    regression = replace(plain, whitening=noise)
-    assert sum(map(len, regression.structure.columns)) < 0.5 * n * len(plain.model.parameters)
-    G, _ = dense(plain, noise)
-    R = regression.triangular_factors.stack()
-    np.testing.assert_allclose(R.T @ R, G, atol=1e-11 * np.abs(G).max())
 
 
 @pytest.mark.parametrize(

@@ -20,26 +20,7 @@ from dynident.estimators import (
     TotalLeastSquares,
 )
 from dynident.estimators.maximum_likelihood import MaximumLikelihood
-from dynident.models import CoupledFriction, Joint, RotorInertia
-from dynident.models.friction import (
-    AsymmetricCoulomb,
-    AsymmetricViscous,
-    Coulomb,
-    Counterbalance,
-    Dahl,
-    Drift,
-    LoadCoulomb,
-    LoadDahl,
-    LoadRipple,
-    LoadViscous,
-    Offset,
-    Power,
-    Ripple,
-    Spring,
-    Stribeck,
-    Viscous,
-    WideCoulomb,
-)
+from dynident.models.friction import Offset, Viscous
 from dynident.motion.smoothers import (
     Butterworth,
     Difference,
@@ -53,9 +34,10 @@ from dynident.motion.splines import Constraint, Fixed
 from dynident.project.parts import build, schemas, unusable
 from dynident.runtime import ConfigError
 from dynident.runtime.families import ESTIMATORS, SMOOTHERS, TERMS
+from tests.laws.test_models import JOINTS
+from tests.laws.test_models import TERMS as LAWFUL
 from tests.project.parts import SAVITZKY
 
-JOINTS = (Joint("a"), Joint("b", "prismatic"))
 SMOOTHING = [  # beside those of tests/laws/test_smoothers.py
     Butterworth((2, 2, 2), (40.0, 40.0, 40.0), (0.5, 2.5)),
     Spline(Constraint(12.5), 1e-4, 3.0, 1.4),
@@ -82,27 +64,9 @@ ESTIMATING = [  # beside those of tests/laws/test_estimators.py
     TotalLeastSquares({"J": 0.1}, torque=0.2),
 ]
 ON_JOINTS = [
-    RotorInertia(JOINTS),
-    Viscous(JOINTS, on=("b",), names=("Fv",), values=(2.0,)),
-    Coulomb(JOINTS, dead_band=0.02),
-    Coulomb(JOINTS, width={"a": 0.1, "b": 0}),
-    Dahl(JOINTS, on=("b",), length={"b": 0.002}),
-    Drift(JOINTS, time={"a": 30.0, "b": 60.0}),
-    LoadCoulomb(JOINTS, width=0.1),
-    LoadDahl(JOINTS, length=0.01),
-    LoadViscous(JOINTS, on=("a",)),
-    AsymmetricCoulomb(JOINTS, width=0.1),
-    WideCoulomb(JOINTS, width=0.5),
-    AsymmetricViscous(JOINTS),
-    Stribeck(JOINTS, velocity={"b": 0.1, "a": 0.2}, width=0.01),
-    Power(JOINTS, on=("b",), exponent={"b": 3}),
-    Ripple(JOINTS, cycles=(80, 101.5), delay={"a": 0.001, "b": 0.002}),
-    Ripple(JOINTS, cycles={"a": (80, 160), "b": 5.0}),
-    LoadRipple(JOINTS, cycles={"a": (80, 160), "b": 5.0}, delay=0.001),
-    Spring(JOINTS, order={"a": 1, "b": 3}),
-    Counterbalance(JOINTS, ("a",), base_arm=0.5, link_arm={"a": 0.1}, angle=-1, free_length=0),
-    Offset(JOINTS, expressions=("one", "two")),
-    CoupledFriction(JOINTS, {"a": 1.0, "b": -6.0}, "m", "power", {"exponent": 0.3}),
+    *(term for term in (make() for make in LAWFUL.values()) if TERMS.kind_of(term) in TERMS.table),
+    Viscous(JOINTS, on=("wrist",), names=("Fv",), values=(2.0,)),
+    Offset(JOINTS, expressions=("one", "two", "three")),
 ]
 
 

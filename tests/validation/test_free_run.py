@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 
 from dynident.models import CoupledMotor, Joint, Model, RotorInertia
 from dynident.models.friction import Coulomb
-from dynident.models.lagrangian import slider, two_link_arm
-from dynident.models.simulation import CascadePD, RunsAway, Singular, simulate
+from dynident.models.lagrangian import slider
+from dynident.models.simulation import CascadePD, RunsAway, Singular
 from dynident.motion.log import Motion
 from dynident.runtime import ConfigError, InputError
 from dynident.validation import FreeRun, free_run
 
-ARM = two_link_arm()
 T = np.arange(1001) * 0.002
 SLIDER = (5.0, 8.0, 3.0, 0.5)
 
@@ -30,21 +28,6 @@ def cascade(t: np.ndarray, reference: np.ndarray, saturation: float = np.inf, ex
     ones = np.ones(1)
     limits, forward = saturation * ones, np.full((len(t), 1), extra)
     return CascadePD(("slider",), t, reference[:, None], 20 * ones, 30 * ones, 2 * ones, limits, forward)
-
-
-@cache
-def moved() -> Motion:
-    """The arm in exact motion."""
-    return simulate(ARM, ARM.values, lambda s: (1.13 * np.sin(s), 0.78 * np.cos(s)), T, tolerance=1e-10)
-
-
-def test_pieces_start_again_from_the_measured_state() -> None:
-    exact = moved()
-    wrong = 1.2 * np.array(ARM.values)
-    long, short = (free_run(ARM, wrong, exact, restart=restart) for restart in (2.0, 0.1))
-    assert short.rms["joint1"] < 0.1 * long.rms["joint1"]
-    assert (short.driver, short.restart) == ("torque", 0.1)
-    np.testing.assert_array_equal(short.q[::50], exact.q[np.searchsorted(T, short.t[::50])])
 
 
 def test_friction_holds_below_its_level_and_slides_above() -> None:

@@ -39,14 +39,6 @@ def test_errors_by_hand() -> None:
     assert validation.motion.source == "morning"
 
 
-def test_a_joint_without_torque_has_no_relative_error() -> None:
-    validation = validate(MODEL, THETA, motion([[1, 1]] * 3, [[0, 5]] * 3))
-    assert np.isnan(validation.errors.per_joint["a"])
-    assert validation.errors.per_joint["b"] == pytest.approx(100.0)
-    assert validation.errors.rmse == pytest.approx({"a": 2.0, "b": 5.0})
-    assert validation.errors.relative_error == pytest.approx(100 * np.sqrt(29 / 25))
-
-
 def test_filtered_error_forgives_noise_above_the_cutoff_and_the_unfiltered_does_not() -> None:
     """A tone at half the rate, on a velocity of a few rad/s; what is left of it comes from the two ends."""
     t = np.linspace(0, 10, 1000)
@@ -57,17 +49,6 @@ def test_filtered_error_forgives_noise_above_the_cutoff_and_the_unfiltered_does_
     assert validation.errors.relative_error == pytest.approx(100 * np.sqrt(2000) / np.linalg.norm(made.tau))
     assert validation.errors.relative_error_filtered is not None
     assert validation.errors.relative_error_filtered < 0.1 * validation.errors.relative_error
-
-
-def test_filtered_error_keeps_what_is_below_the_cutoff() -> None:
-    """An error of one tenth of the torque at all frequencies stays so."""
-    velocity = np.random.default_rng(0).normal(size=(300, 2))
-    mask = np.arange(300) % 100 > 3
-    validation = validate(
-        MODEL, THETA, motion(velocity, velocity * THETA / 0.9, mask), selection=Selection(filter=ParallelFilter(3))
-    )
-    assert validation.errors.relative_error == pytest.approx(10.0)
-    assert validation.errors.relative_error_filtered == pytest.approx(10.0)
 
 
 def test_no_usable_sample() -> None:
@@ -86,15 +67,6 @@ class Limited(Viscous):
     @property
     def limits(self) -> dict[str, RobotJointLimits]:
         return {"a": RobotJointLimits(effort=20.0, lower=-0.5, upper=0.5)}
-
-
-def test_errors_of_each_joint_in_other_measures() -> None:
-    """Residuals (1, 0) and (1, -2) as above: joint a is 1 N m off all the time, which explains all its variance."""
-    validation = validate(Model((Limited(MODEL.joints),)), THETA, motion([[1, 1], [2, 1]], [[3, 10], [5, 8]]))
-    assert validation.errors.effort_share == pytest.approx({"a": 100 * 1.0 / 20.0})
-    assert validation.errors.r2 == pytest.approx({"a": 1.0, "b": 1 - 1.0 / 1.0})
-    assert validation.errors.per_joint_filtered == {}
-    assert validate(MODEL, THETA, motion([[1, 1]] * 3, [[2, 10]] * 3)).errors.effort_share == {}
 
 
 def test_mass_is_looked_at_over_the_logs_and_within_the_limits() -> None:

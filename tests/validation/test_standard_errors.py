@@ -1,4 +1,4 @@
-"""Standard errors for correlated residuals, and by the scores of parts: by hand, and by how often intervals hold."""
+"""Standard errors for correlated residuals, and by the scores of parts: by hand, and how often intervals hold."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dynident.estimators.least_squares import solve_least_squares
 from dynident.models import Joint, Model
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.motion.log import Motion
-from dynident.regression import ParallelFilter, Regression, Selection, divide_regression, factors_of_parts
+from dynident.regression import Regression, divide_regression, factors_of_parts
 from dynident.regression import linear_problem as module
 from dynident.regression.whitening import bandwidth
 from dynident.runtime import ModelError
@@ -100,28 +100,6 @@ def test_what_cannot_be_inverted_is_refused() -> None:
         robust_covariance(regression, np.zeros(6))
     with pytest.raises(ModelError, match="theta has shape"):
         robust_covariance(regression, np.zeros(5))
-
-
-def test_they_are_the_sandwich_of_the_scores() -> None:
-    regression = Regression(MODEL, (motion(0, 0.9), motion(1, 0.9)), Selection(ParallelFilter(cutoff=20.0)))
-    parts = divide_regression(regression, 100)
-    factors, w = factors_of_parts(regression, parts), np.array([1.0, 0.3])
-    theta = fit(regression)
-    bread, middle = 0.0, 0.0
-    for part in parts:
-        rows = [block.scale_rows(w[:, None]) for block in regression.entries(within=(part.motion, part.rows))]
-        u = sum(np.einsum("bjp,bj->p", row.regressor(), (row.tau - row.torque(theta)).T) for row in rows)
-        bread = bread + sum(np.einsum("bji,bjk->ik", row.regressor(), row.regressor()) for row in rows)
-        middle = middle + np.outer(u, u)
-    inverse, count = np.linalg.inv(bread), len(parts)
-    expected = np.sqrt(count / (count - 1) * np.diag(inverse @ middle @ inverse))
-    np.testing.assert_allclose(clustered_std(lambda: factors, regression, theta, w), expected, rtol=1e-9)
-    some = clustered_std(lambda: factors, regression, theta, w, [0, 3])
-    alone = np.linalg.inv(bread[np.ix_([0, 3], [0, 3])])  # type: ignore[index]
-    few = np.sqrt(count / (count - 1) * np.diag(alone @ middle[np.ix_([0, 3], [0, 3])] @ alone))  # type: ignore[index]
-    np.testing.assert_allclose(some, few, rtol=1e-9)
-    off = regression.subtract_bias(0.1 * theta)  # what is subtracted is no residual
-    np.testing.assert_allclose(clustered_std(lambda: factors, off, 0.9 * theta, w), expected, rtol=1e-9)
 
 
 def test_intervals_hold_where_residuals_are_correlated_within_parts() -> None:

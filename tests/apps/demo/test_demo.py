@@ -1,4 +1,4 @@
-"""The demo: a sound robot file, recordings as sensors make them, whole files, and fits against the truth."""
+"""The demo: recordings as sensors make them, whole files, and fits against the truth."""
 
 import runpy
 from dataclasses import replace
@@ -13,23 +13,12 @@ import dynident as dy
 from dynident.apps.demo import compare_with_truth, demo_files, demo_truth
 from dynident.apps.demo.arm import BASE, JOINTS, LINKS, urdf
 from dynident.apps.demo.files import SEED
-from dynident.checks import check_robot
 from dynident.identification import Calibration, Identification, TimeOffset
-from dynident.models import Model, RigidBodies, consistency_violations
-from dynident.models.rigid_bodies import read_robot_file
-from dynident.motion.smoothers import smooth_log
-from dynident.runtime import InputError, Severity
+from dynident.models import Model, consistency_violations
+from dynident.runtime import InputError
 
 MADE = runpy.run_path(str(Path(__file__).parents[3] / "benchmarks" / "demo_files.py"))  # the files made anew
 DAYS = MADE["DAYS"]
-
-
-def test_the_robot_file_has_nothing_to_complain_of() -> None:
-    file = read_robot_file(urdf(), "arm.urdf")
-    assert [x for x in check_robot(file) if x.severity is not Severity.INFO] == []
-    bodies = RigidBodies(urdf())
-    assert [joint.name for joint in bodies.joints] == [joint.name for joint in JOINTS]
-    assert bodies.notes == ()
 
 
 @pytest.mark.parametrize("link", LINKS, ids=lambda link: link.name)
@@ -77,23 +66,6 @@ def log_of(table: pl.DataFrame) -> dy.Log:
     names = tuple(joint.name for joint in JOINTS)
     q, tau = (table.select(f"{name}.{what}" for name in names).to_numpy() for what in ("position_rad", "torque_Nm"))
     return dy.Log(table["time_s"].to_numpy(), q, tau, names, "monday")
-
-
-def test_the_torque_is_the_true_models_but_late_and_noisy(shipped: dict[str, pl.DataFrame]) -> None:
-    """With the true values, offset and tilt, the residual has the size of the noise; with another offset it is more."""
-    truth, motion = demo_truth(), smooth_log(dy.Spline(sigma=2e-6), log_of(shipped["monday"].head(1500)))
-
-    def residual(offset: float) -> np.ndarray:
-        at = motion.shift(offset)
-        model = truth.model.torque(at.q, at.dq, at.ddq, truth.value)
-        keep = at.mask & (np.abs(at.dq) > 0.05).all(axis=1)
-        return np.sqrt(np.mean((at.tau - model)[keep] ** 2, axis=0))
-
-    effort = np.array([joint.effort for joint in JOINTS])
-    assert (residual(truth.time_offset) < 0.005 * effort).all()
-    least = np.linalg.norm(residual(truth.time_offset))
-    for wrong in (0.0, 2 * truth.time_offset):
-        assert np.linalg.norm(residual(wrong)) > 1.02 * least
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -91,18 +91,6 @@ def test_what_changes_is_found_with_its_size_and_nothing_else() -> None:
     assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.3
 
 
-def test_one_of_three_robots_does_not_hide_in_its_own_scatter() -> None:
-    """Its friction rises by a half from log to log, five times what friction scatters; the others are steady."""
-
-    def rises(log: int, value: np.ndarray) -> None:
-        value[4:6] *= 1 + 0.5 * log
-
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        changes = find_changes(fleet(rng, 3, 4, {1: rises}), GROUPS, rng, draws=300)
-        assert {(change.robot, GROUPS.index(change.group)) for change in changes.changes} == {("robot1", FRICTION_A)}
-
-
 def test_a_group_of_many_directions_does_not_hide_the_changes_of_others() -> None:
     """Of few logs its gain has a heavy tail by chance, with which only its own gain compares."""
     wide = replace(GROUPS[PAYLOAD], directions=np.delete(np.eye(B), [4, 5], axis=1))

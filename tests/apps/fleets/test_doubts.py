@@ -100,15 +100,6 @@ def test_a_residual_that_a_change_of_parameters_explains_is_left_out(delay: int,
     assert len(changes.changes) == len(changes.of("robot4"))
 
 
-@pytest.mark.parametrize(("odd", "seed"), [(0, 0), (3, 4)])
-def test_one_odd_log_is_no_change_of_a_residual(odd: int, seed: int) -> None:
-    """Of few robots no other log says that such logs are."""
-    rng = np.random.default_rng(seed)
-    histories = fleet(rng, 3, 4)
-    left = residuals(rng, histories, {1: lambda log: np.array([0.0, 1.2 * (log == odd), 0.0])})
-    assert find_changes_and_residuals(histories, GROUPS, left, JOINTS, rng).changes == ()
-
-
 def test_friction_of_another_joint_explains_nothing() -> None:
     rng = np.random.default_rng(3)
 

@@ -1,4 +1,4 @@
-"""The report of a fleet: figures, courses of parameters, tables and pages of any size."""
+"""The report of a fleet: figures, tables and pages of any size."""
 
 from dataclasses import replace
 from datetime import datetime
@@ -12,19 +12,17 @@ from dynident.apps.fleets import (
     History,
     Mark,
     ParameterTrend,
-    Scatter,
     residual_groups,
     robots_figure,
     trend_figure,
 )
-from dynident.apps.fleets.changes_report import RobotTrends, change_words
+from dynident.apps.fleets.changes_report import change_words
 from dynident.apps.fleets.figures import MAX_POINTS, MAX_SMALL_POINTS
 from dynident.apps.fleets.report import fleet_findings, fleet_page, fleet_tables
-from dynident.models import Joint
 from dynident.regression import GroupKind
 from dynident.report.page import plotly_packed
 from tests.kept import check_kept
-from tests.report.fleets import MEAN, NONE, PAYLOAD, RESIDUAL, SIZE, STD, change, fleet, groups, history
+from tests.report.fleets import NONE, RESIDUAL, change, fleet, groups, history
 
 START = datetime(2026, 1, 5)
 
@@ -57,72 +55,7 @@ def test_of_many_logs_some_are_drawn(draw, most):
     assert points["text"][0].startswith("0&lt;b&gt;")
 
 
-FRICTION, PAYLOADS, OFFSET = groups()[0], groups()[2], groups()[4]
-
-
-@pytest.fixture
-def stepped():
-    """A robot without noise whose payload changes at its log 8, and whose friction drifts from its log 5."""
-    test_history = history("arm", 12, noise=0.0)
-    load = change(test_history, PAYLOADS, ChangeShape.STEP, 8, [0.4, 0.02, -0.1])
-    wear = change(test_history, FRICTION, ChangeShape.DRIFT, 5, [0.0, 2.0])
-    part = np.clip((test_history.days - test_history.days[5]) / (test_history.days[-1] - test_history.days[5]), 0, 1)
-    value = test_history.value + (np.arange(12) >= 8)[:, None] * (PAYLOAD @ load.size)
-    value[:, 1] += 2.0 * part
-    return replace(test_history, value=value), (load, wear), part
-
-
-def test_courses_show_what_is_true(stepped):
-    case, changes, part = stepped
-    courses = RobotTrends(case, changes, None)
-    coulomb = courses.group_trends(FRICTION)[1]
-    np.testing.assert_allclose(coulomb.value, MEAN[1] + 2.0 * part, rtol=1e-10)
-    np.testing.assert_allclose(coulomb.std, STD[1])
-    load = courses.group_trends(PAYLOADS)
-    for k, size in enumerate(changes[0].size):
-        np.testing.assert_allclose(load[k].value, np.where(np.arange(12) >= 8, size, 0.0), atol=1e-10)
-    assert load[0].name == "hand.mass, difference from the mean"
-    np.testing.assert_allclose(courses.group_trends(OFFSET)[0].value, MEAN[5])
-    assert courses.group_trends(OFFSET)[0].change_line is None
-
-
-def test_the_line_is_that_of_the_change_and_steps_at_once(stepped):
-    case, changes, _ = stepped
-    courses = RobotTrends(case, changes, None)
-    days, values = courses.group_trends(PAYLOADS)[0].change_line
-    assert days.tolist() == sorted(days.tolist())
-    at = np.flatnonzero(days == case.days[8])
-    np.testing.assert_allclose(values[at], [0.0, 0.4])
-    days, values = courses.group_trends(FRICTION)[1].change_line
-    np.testing.assert_allclose(np.interp([case.days[5], case.days[-1]], days, values), MEAN[1] + np.array([0.0, 2.0]))
-    mark = courses.group_trends(PAYLOADS)[0].marks[0]
-    assert (mark.day, mark.word, mark.between) == (case.days[8], "step", (case.days[7], case.days[8]))
-
-
-def test_intervals_count_the_scatter_and_what_a_log_does_not_show_has_none():
-    test_history = history("arm", 6)
-    information = test_history.information.copy()
-    information[2, 5] = information[2, :, 5] = 0.0
-    covariance = np.diag((3 * STD) ** 2)
-    scatter = Scatter(tuple(np.arange(SIZE)[:, None]), covariance, 4.0, 50.0)
-    std = RobotTrends(replace(test_history, information=information), (), scatter).group_trends(OFFSET)[0].std
-    np.testing.assert_allclose(std, np.where(np.arange(6) == 2, np.inf, np.sqrt(4.0 + 9.0) * STD[5]), rtol=1e-8)
-
-
-def test_a_residual_is_drawn_as_a_torque():
-    test_history, group = history("arm", 6), residual_groups((Joint("a"), Joint("b")))[1]
-    value = np.log(np.array([[1.0, 2.0]])) + np.linspace(0, 0.3, 6)[:, None]
-    left = History(test_history.robot, test_history.logs, test_history.days, value, np.tile(100 * np.eye(2), (6, 1, 1)))
-    step = change(left, group, ChangeShape.STEP, 3, [0.2])
-    courses = RobotTrends(test_history, (), None, RobotTrends(left, (step,), None))
-    assert courses.all_changes == [step]
-    (drawn,) = courses.group_trends(group)
-    np.testing.assert_allclose(drawn.value, np.exp(value[:, 1]))
-    np.testing.assert_allclose(drawn.std, 0.1 * drawn.value)
-    assert (drawn.unit, drawn.marks[0].day) == ("N m", test_history.days[3])
-    assert drawn.change_line is not None
-    np.testing.assert_allclose(drawn.change_line[1][-1] / drawn.change_line[1][0], np.exp(0.2))
-    np.testing.assert_allclose(courses.group_trends(OFFSET)[0].value, test_history.value[:, 5])
+FRICTION = groups()[0]
 
 
 @pytest.fixture(scope="module")

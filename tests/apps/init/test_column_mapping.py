@@ -60,24 +60,6 @@ def chosen(mapping):
     return [channel.column for channel in (*mapping.position.values(), *mapping.torque.values())]
 
 
-def questions(mapping):
-    return [channel.question for channel in (*mapping.position.values(), *mapping.torque.values())]
-
-
-@pytest.mark.parametrize(
-    ("joints", "position", "torque", "order"),
-    [
-        (ARM, ("shoulder.position", "elbow.position"), ("shoulder.effort", "elbow.effort"), (0, 1)),
-        (ARM, ("pos_elbow", "pos_shoulder"), ("elbow_tau", "shoulder_tau"), (1, 0)),
-        (NUMBERED, ("q2", "q1"), ("tau2", "tau1"), (1, 0)),
-    ],
-)
-def test_joints_are_matched_by_name_or_number(joints, position, torque, order):
-    mapping = map_columns(table(**signals(position, torque)), joints)
-    assert chosen(mapping) == [names[k] for names in (position, torque) for k in order]
-    assert not any(questions(mapping))
-
-
 def test_measured_columns_are_preferred():
     names = ["pos_des", "pos_filt", "pos_meas", "pos_err"]
     columns = {f"{name}{k}": wave(1.0, k) for name in names for k in (1, 2)}
@@ -147,14 +129,6 @@ def test_a_torque_in_another_unit_wants_a_gain(form: str, unit: str, gain: str) 
     assert ("judged" in mapping.reasons["torque"]) == form.startswith("tau[")
 
 
-def test_units_follow_from_names():
-    columns = {"pos1_deg": wave(1.0), "pos2_deg": wave(1.0), "tau1 [mNm]": wave(900.0), "tau2 [mNm]": wave(900.0)}
-    mapping = map_columns(table(time=None, t_us=T * 1e6, **columns), NUMBERED)
-    assert (mapping.time.column, mapping.time.unit) == ("t_us", "us")
-    assert {(value.unit, value.question) for value in mapping.position.values()} == {("deg", "")}
-    assert {(value.unit, value.question) for value in mapping.torque.values()} == {("mN m", "")}
-
-
 def test_positions_beyond_two_pi_are_asked_about():
     mapping = map_columns(table(**signals(size=90.0)), NUMBERED)
     assert {value.unit for value in mapping.position.values()} == {"deg"}
@@ -182,11 +156,6 @@ def test_torques_are_compared_with_the_limits():
     for joints, peak, asked in cases:
         for channel in map_columns(table(**signals(peak=peak)), joints).torque.values():
             assert asked in channel.question if asked else channel.question == ""
-
-
-def test_currents_want_a_gain():
-    mapping = map_columns(table(**signals(torque=("i_mA_1", "i_mA_2"))), NUMBERED)
-    assert {value.gain for value in mapping.torque.values()} == {"torque constant times gear ratio, N m per mA"}
 
 
 @pytest.mark.parametrize(
@@ -333,22 +302,6 @@ def test_an_angle_that_starts_anew_is_seen(name, size, turn):
     for share in (0.7, 0.95):
         columns[names[0]] = np.mod(wave(0.2 * size), share * size)  # a jump that is no turn
         assert map_columns(table(**columns), ARM).position["shoulder"].wraps is None
-
-
-def test_states_of_robot_learning_are_positions():
-    sizes = {"observation.state": 1.0, "observation.effort": 9.0, "action": 1.1}
-    state = {f"{name}[{k}]": wave(size, k) for name, size in sizes.items() for k in (0, 1)}
-    mapping = map_columns(DataTable({"timestamp": T.copy(), **state}, {}, "a.parquet"), NUMBERED)
-    assert chosen(mapping) == [f"observation.{name}[{k}]" for name in ("state", "effort") for k in (0, 1)]
-
-
-def test_channels_of_one_mapping_are_equally_long():
-    short = {f"q{k}": wave(1.0, k)[:50] for k in (1, 2)}
-    measured = {f"q_meas{k}": wave(1.0, k) for k in (1, 2)}
-    mapping = map_columns(table(**short, **measured, tau1=wave(9.0), tau2=wave(9.0)), NUMBERED)
-    assert chosen(mapping) == ["q_meas1", "q_meas2", "tau1", "tau2"]
-    mapping = map_columns(table(**short, current1=wave(9.0), current2=wave(9.0)), NUMBERED)
-    assert chosen(mapping) == ["q1", "q2", None, None]
 
 
 def test_gaps_are_seen():

@@ -153,21 +153,6 @@ def test_fingers_may_be_missing_and_values_too(finger: bool) -> None:
     assert set(mapping.lock) == ({"finger"} if finger else set())
 
 
-def test_degrees_are_found_and_asked() -> None:
-    mapping = map_columns(table(np.degrees(Q), np.degrees(DQ), BLOCKS["tau"]), JOINTS)
-    assert [channel.column for channel in mapping.position.values()] == places(("q", "dq", "tau"), "q")
-    assert {channel.unit for channel in mapping.position.values()} == {"deg"}
-
-
-def test_a_joint_at_rest_says_nothing() -> None:
-    parts = [BLOCKS[kind].copy() for kind in ("tau", "dq", "q")]
-    for part, value in zip(parts, (2.0, 0.0, 0.7), strict=True):
-        part[:, 3] = value
-    mapping = map_columns(table(*parts), JOINTS)
-    assert [value.column for value in mapping.position.values()] == ["13", "14", "15", "17", "18"]
-    assert mapping.still_joints == ("j4",)
-
-
 @pytest.mark.parametrize("columns", [np.zeros((50, 18)), np.ones((4000, 18)), np.full((4000, 18), np.nan)], ids=str)
 def test_columns_that_show_nothing_are_not_matched(columns: NDArray) -> None:
     assert match_by_shape(table(columns, clock=T[: len(columns)]), JOINTS) == (None, None)

@@ -105,11 +105,6 @@ def test_a_change_is_found_in_its_group_with_its_size(kind: str, joint: str, at:
     assert result.total == result.size
 
 
-def test_one_wild_block_is_no_change() -> None:
-    wild = np.full(8, 100.0)
-    assert len(watched(200, lambda rng, k: block(rng, k, wild if k == 110 else None, 50.0 * (k == 110)))) == 1
-
-
 def test_what_lasts_for_a_few_blocks_has_passed() -> None:
     change = np.append(10.0 * np.sqrt(SPREAD / INFORMATION), np.zeros(7))
     events = watched(200, lambda rng, k: block(rng, k, change if k < 103 else None))

@@ -71,21 +71,6 @@ def types(events: Sequence[Event]) -> list[type]:
     return [type(event) for event in events]
 
 
-def test_a_change_is_found() -> None:
-    test_watcher = watcher()
-    assert types(test_watcher.push(*samples(0, 40))) == [BaselineKnown]
-    start, stop, count = test_watcher.state["span"]
-    assert count == round((stop - start) * RATE) + 1
-    alarm, changed = test_watcher.push(*samples(40, 55, rub=1.5))
-    assert (type(alarm), type(changed)) == (Alarm, Changed)
-    assert alarm.time <= 44.0
-    assert abs(changed.since - 40.0) <= 1.0
-    assert changed.kind == "friction"
-    size = dict(zip(changed.names, zip(changed.size, changed.std, strict=True), strict=True))
-    for (value, std), true in zip(size.values(), (4.0, 1.5), strict=True):
-        assert abs(value - true) < 4 * std < 2.0
-
-
 def test_single_samples_are_watched_as_many_are() -> None:
     t, q, tau = samples(0, 16)
     t[1200:] += 2.0

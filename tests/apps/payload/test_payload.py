@@ -178,14 +178,6 @@ def test_gains_are_of_the_joints_of_the_result_in_any_order() -> None:
         find_payload(result(GAIN), loaded, request=PayloadRequest(gains=strange))
 
 
-def test_a_known_centre_tells_the_gains_of_the_wrist() -> None:
-    placed = PayloadRequest(known_mass=3.0, known_centre=tuple(TRUTH[1:4].tolist()), gain_change=0.0)
-    payload = find_payload(result(GAIN), loaded_result("weighed", GAIN), request=placed)
-    assert payload.body.centre == pytest.approx(TRUTH[1:4], abs=1e-3)
-    assert payload.gains.std[4] < 0.8 * weighed().gains.std[4]
-    assert abs(payload.gains.factor[4] - GAIN) < 4 * payload.gains.std[4]
-
-
 def drifted(scale: float = 0.2) -> np.ndarray:
     """Changes of friction and offsets in % of the friction."""
     _, theta = arm()

@@ -254,18 +254,6 @@ def test_without_a_held_out_log_the_training_ranks(tmp_path: Path) -> None:
         compare(config, **{**FEW, "folds": 0})
 
 
-def test_what_simulates_is_cross_validated_where_it_is_best_or_nothing_is_held_out(tmp_path: Path) -> None:
-    estimators = ["least_squares", "output_error"]
-    ranking = compare(make_project(tmp_path, seconds=2.0), smoothers=["difference"], estimators=estimators, folds=2)
-    crossed = {row.combination.name: bool(row.cross_validated) for row in ranking.rows}
-    best = ranking.standings[0].combination.name
-    assert crossed == {name: name == best or not name.endswith("output_error") for name in crossed}
-    assert sum(name.endswith("output_error") for name in crossed) == 2
-    project = make_project(tmp_path, held_out=False, seconds=2.0)
-    alone = compare(project, smoothers=[], estimators=["output_error"], folds=2)
-    assert all(row.cross_validated for row in alone.rows)
-
-
 def test_short_logs_do_not_tell_differences_from_chance(tmp_path: Path) -> None:
     comparison = compare(make_project(tmp_path, seconds=0.3), **{**FEW, "smoothers": [], "folds": 0})
     assert not comparison.has_enough_blocks

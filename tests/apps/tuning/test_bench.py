@@ -17,23 +17,7 @@ from dynident.motion.smoothers.spline import NOISE_FACTORS
 from dynident.motion.splines import GCV
 from dynident.regression import ParallelFilter
 from dynident.runtime import ConfigError, InputError
-from tests.apps.tuning.arms import JOINTS, MODEL, RATE, bench, logs, recording, with_terms
-
-
-def test_the_residual_of_the_right_smoothing_is_white_of_the_noise(arm: Bench) -> None:
-    motion = arm.smooth(arm.start.with_degree(0.0), "log 1", JOINTS[0])
-    assert motion.degree == pytest.approx(0.0, abs=1e-6)
-    assert motion.noise == pytest.approx(2e-4, rel=0.05)
-    np.testing.assert_allclose(motion.residual, motion.measured - motion.q)
-    f, power = motion.spectrum()
-    assert (f[0] > 0, f[-1]) == (True, pytest.approx(RATE / 2, rel=0.01))
-    high = power[f > 4 * motion.cutoff]
-    assert high.mean() == pytest.approx(2 * 2e-4**2 / RATE, rel=0.15)
-    delayed, auto, bound = motion.autocorrelation()
-    assert delayed[0] == pytest.approx(1 / RATE)
-    assert np.abs(auto[50:]).mean() < bound
-    assert np.abs(auto).max() < 0.3
-    assert 2 < motion.edf < len(motion.t)
+from tests.apps.tuning.arms import JOINTS, MODEL, bench, logs, recording, with_terms
 
 
 def test_it_is_the_error_by_which_a_smoother_is_chosen(arm: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,24 +115,6 @@ def test_the_start_is_what_was_found(arm: Bench) -> None:
     assert 1.0 < quick.condition < 1e5
     assert {name: log.role for name, log in quick.logs.items()} == {"log 1": "train", "log 2": "validation"}
     assert 0.0 < quick.cross_validated < 10.0
-
-
-def test_excluded_samples_are_smoothed_through_but_count_nowhere(arm: Bench) -> None:
-    tuning = arm.start.exclude("log 1", 2.0, 4.0).exclude("log 2", 0.0, 4.0)
-    before, after = (arm.smooth(x, "log 1", JOINTS[0]) for x in (arm.start, tuning))
-    np.testing.assert_array_equal(before.q, after.q)
-    gone = (after.t >= 2.0) & (after.t <= 4.0)
-    assert before.mask[gone].all()
-    assert not after.mask[gone].any()
-    quick = arm.fit(tuning)
-    spoiled = {role: dict(some) for role, some in arm.logs.items()}
-    tau = spoiled["train"]["log 1"].tau.copy()
-    tau[gone] += 50.0
-    spoiled["train"]["log 1"] = replace(spoiled["train"]["log 1"], tau=tau)
-    again = replace(arm, logs=spoiled)
-    assert differing(again.fit(tuning), quick.estimate.value) < 1e-9
-    assert again.fit(tuning).logs["log 1"].error == pytest.approx(quick.logs["log 1"].error)
-    assert again.fit(again.start).logs["log 1"].error > 2 * quick.logs["log 1"].error
 
 
 def test_a_window_of_the_configuration_is_part_of_the_start() -> None:

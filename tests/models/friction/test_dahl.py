@@ -30,13 +30,3 @@ def test_the_state_solves_the_equation():
     exact = solve_ivp(rate, (0.0, 3.0), np.zeros(2), t_eval=t, rtol=1e-10, atol=1e-13, max_step=0.002).y.T / LENGTH
     np.testing.assert_allclose(remembered(t, length=LENGTH), exact, atol=1e-5)
     np.testing.assert_allclose(remembered(t[::10], length=LENGTH), exact[::10], atol=2e-3)
-
-
-def test_it_depends_on_the_path_alone_where_no_joint_reverses():
-    slow, fast = (np.linspace(0.0, 1.0, samples) for samples in (7, 700))
-    result = [
-        Dahl(JOINTS[:1], length=0.2).remember(Past(t, x, np.ones_like(x), 0 * x, 0 * x))[-1]
-        for t, x in ((t, t[:, None] ** 2) for t in (slow, fast))
-    ]
-    np.testing.assert_allclose(result[0], result[1], rtol=1e-12)
-    np.testing.assert_allclose(result[0], 1.0 - np.exp(-1.0 / 0.2), rtol=1e-12)

@@ -3,18 +3,8 @@
 import numpy as np
 import pytest
 
-from dynident.models import Joint, Model
-from dynident.models.friction import (
-    AsymmetricCoulomb,
-    AsymmetricViscous,
-    Coulomb,
-    Offset,
-    Power,
-    Ripple,
-    Spring,
-    Stribeck,
-    Viscous,
-)
+from dynident.models import Joint
+from dynident.models.friction import Coulomb, Offset, Power, Ripple, Stribeck, Viscous
 from dynident.runtime import ModelError
 
 JOINTS = (Joint("base"), Joint("rail", "prismatic"), Joint("wrist"))
@@ -46,37 +36,6 @@ def regressor(term):
 )
 def test_each_joint_has_its_own_column(term, diagonal):
     np.testing.assert_allclose(regressor(term), np.array(diagonal)[:, :, None] * np.eye(3), rtol=1e-14)
-
-
-def test_friction_of_both_directions():
-    joints, dq = JOINTS[:2], np.array([[1.0, 2.0], [-1.0, -2.0]])
-    terms = Coulomb(joints), AsymmetricCoulomb(joints, width=0.01), Viscous(joints), AsymmetricViscous(joints)
-    tau = Model(terms).torque(dq, dq, dq, [3.0, 0.0, 0.5, 0.0, 10.0, 1.0, 2.0, 1.0])
-    np.testing.assert_allclose(tau, [[3.5 + 12.0, 4.0], [-2.5 - 8.0, 0.0]], rtol=1e-14)
-    still = np.zeros((1, 2))
-    assert not terms[1].regressor(still, still, still).any()
-    assert not terms[3].partials(still, still, still, np.ones(2)).dq.any()
-
-
-def test_a_turning_spring_is_a_fourier_series_and_a_sliding_one_has_powers():
-    q, spring = np.array([[0.3, -2.0]]), Spring(JOINTS[:2], order={"base": 2, "rail": 3})
-    expected = [np.sin(0.3), np.cos(0.3), np.sin(0.6), np.cos(0.6)]
-    np.testing.assert_allclose(
-        spring.regressor(q, q, q)[0], [[*expected, 0, 0, 0], [0, 0, 0, 0, -2.0, 4.0, -8.0]], rtol=1e-14
-    )
-    assert [law.torque for law in spring.equations] == [
-        "a_1 * sin(q) + b_1 * cos(q) + a_2 * sin(2 * q) + b_2 * cos(2 * q)", "c_1 * q + c_2 * q**2 + c_3 * q**3",
-    ]  # fmt: skip
-
-
-def test_a_delay_is_that_of_the_torque_in_time():
-    t, delay = np.linspace(0, 1, 50)[:, None], np.array([0.002, -0.003])
-    q, dq = np.sin(3 * t) * [1.0, 0.5], 3 * np.cos(3 * t) * [1.0, 0.5]
-    before = np.sin(3 * (t - delay)) * [1.0, 0.5]
-    term = Ripple(JOINTS[::2], cycles=40, delay={"base": 0.002, "wrist": -0.003})
-    test_regressor, none = term.regressor(q, dq, 0 * q), Ripple(JOINTS[::2], cycles=40)
-    np.testing.assert_allclose(test_regressor, none.regressor(before, dq, 0 * q), atol=40 * 9 * 0.003**2 / 2)
-    assert np.abs(test_regressor - none.regressor(q, dq, 0 * q)).max() > 0.2
 
 
 def test_cycles_that_are_listed_twice_are_named():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynident.models.robot_files import angles, exact_angle, note_exact_angles
+from dynident.models.robot_files import exact_angle
 
 
 @pytest.mark.parametrize(
@@ -24,13 +24,3 @@ def test_a_printed_angle_stands_for_the_multiple_of_15_degrees_that_rounds_or_cu
 )
 def test_other_angles_stay(word: str) -> None:
     assert exact_angle(word) == float(word)
-
-
-def test_all_of_an_attribute_and_what_is_said_of_it() -> None:
-    result = angles({"rpy": "0.1 -1.57 3.14159265359"}, "rpy", "0 0 0", "here", 3)
-    np.testing.assert_array_equal(result, [0.1, -np.pi / 2, np.pi])
-    (note,) = note_exact_angles("rpy", [("'elbow'", "0.1 -1.57 3.14159265359")])
-    assert note.endswith(
-        "exact multiples of 15 deg: -1.57 of 'elbow' as -1.570796327"
-    )  # eleven digits are exact enough
-    assert note_exact_angles("rpy", [("'elbow'", "0.1 0 3.14159265359")]) == ()

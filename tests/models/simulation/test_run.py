@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -40,14 +38,6 @@ def test_pieces_follow_each_other_and_are_simulated_together() -> None:
         np.testing.assert_allclose(dq, alone.dq, atol=1e-11)
     with pytest.raises(InputError, match="one piece"):
         _ = run.motion
-
-
-def test_the_longest_usable_stretch_is_simulated_unless_rows_are_given() -> None:
-    motion = driven(RUSTY, T)
-    mask = motion.mask.copy()
-    mask[:5] = mask[400] = False
-    assert simulate_recording(RUSTY, RUST, replace(motion, mask=mask)).rows[0, [0, -1]].tolist() == [5, 399]
-    assert simulate_recording(RUSTY, RUST, motion, rows=slice(10, 20)).rows.tolist() == [list(range(10, 20))]
 
 
 def test_what_cannot_be_simulated_is_a_failure() -> None:

@@ -63,13 +63,6 @@ def test_in_a_loop_that_is_limited(kind: str, model: Model, theta: np.ndarray, l
     assert 0.01 < (np.abs(run.tau) == 2 * limit).mean() < 0.9
 
 
-def test_frictions_that_are_no_constants_of_a_sign_are_in_the_model() -> None:
-    """Negative ones, too."""
-    theta = RUST * [1, 1, -1, -0.1, 1]
-    motion = driven(RUSTY, FINE[:400], speed=1.0)
-    check(RUSTY, theta, motion, None)
-
-
 def test_many_steps_are_made_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     from dynident.models.simulation import sensitivity
 

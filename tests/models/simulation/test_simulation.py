@@ -33,18 +33,6 @@ def test_pendulum_swings_as_the_elliptic_functions_do():
     np.testing.assert_allclose(motion.q[:, 0], 2 * np.arcsin(np.sqrt(k2) * sn), rtol=0, atol=1e-9)
 
 
-def test_motion_is_consistent_with_the_model():
-    """The acceleration is the exact forward dynamics, the torque the one applied, and all samples are usable."""
-    arm = two_link_arm()
-    motion = simulate(arm, arm.values, push, T, q0=[0.3, -0.2], source="run 7")
-    np.testing.assert_allclose(arm.torque(motion.q, motion.dq, motion.ddq, arm.values), motion.tau, atol=1e-13)
-    np.testing.assert_array_equal(motion.tau, np.transpose([push(t) for t in T]).T)
-    np.testing.assert_array_equal(motion.t, T)
-    assert motion.q[0].tolist() == [0.3, -0.2]
-    assert motion.mask.all()
-    assert (motion.joints, motion.source) == (("joint1", "joint2"), "run 7")
-
-
 @pytest.mark.parametrize("own", [{"q0", "torque"}, {"theta", "q0", "dq0", "torque"}], ids=sorted)
 def test_runs_together_equal_runs_alone(own):
     arm, rng, t = two_link_arm(), np.random.default_rng(4), T[:9]

@@ -1,4 +1,4 @@
-"""The Kalman smoother of a log: what it says of itself, joints at rest, encoders, and data without noise."""
+"""The Kalman smoother of a log: its standard errors, encoders, and data without noise."""
 
 from __future__ import annotations
 
@@ -32,16 +32,6 @@ def test_an_intensity_needs_its_noise() -> None:
         KalmanSmoother(sigma={"a": 1e-3}, intensity={"b": 1.0})(log(moving()))
 
 
-def test_the_noise_is_found_or_given_by_joint() -> None:
-    made = KalmanSmoother(sigma={"b": 2e-3})(log(moving()))
-    assert made.smoothing["sigma"][1] == 2e-3
-    assert made.smoothing["sigma"][0] == pytest.approx(1e-3, rel=0.05)
-    assert made.smoothing["noise"] == pytest.approx((1e-3, 1e-3), rel=0.05)  # too large a noise is seen in what is left
-    alone = KalmanSmoother()(log(moving()))
-    np.testing.assert_array_equal(made.q[:, 0], alone.q[:, 0])
-    assert made.smoothing["cutoff"][1] < alone.smoothing["cutoff"][1]
-
-
 def test_order_two_is_the_spline_of_restricted_maximum_likelihood() -> None:
     test_log = log(moving(), jitter=0.8)
     made, spline = KalmanSmoother(2)(test_log), Spline(REML())(test_log)
@@ -68,15 +58,6 @@ def test_a_quantised_encoder_is_smoothed(count: float) -> None:
     made = KalmanSmoother()(log(np.round(moving(noise=0.0) / count) * count))
     assert made.smoothing["sigma"] == pytest.approx((count / 12**0.5,) * 2, rel=0.35)
     assert np.abs(made.ddq[:, 0] + np.sin(made.t))[made.mask].max() < 40 * count**0.5
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_a_joint_of_constant_velocity_leaves_half_of_the_samples(order: Order) -> None:
-    """It is smoothed over all of the log, as what it is: a line."""
-    t, rng = np.arange(1000) * 0.01, np.random.default_rng(0)
-    made = KalmanSmoother(order)(log((0.3 * t + 1e-4 * rng.standard_normal(1000))[:, None], h=0.01))
-    assert made.mask.mean() > 0.49
-    assert np.abs(made.dq - 0.3)[made.mask].max() < 1e-3
 
 
 def test_standard_errors_cover() -> None:

@@ -51,15 +51,6 @@ def test_many_periods_do_not_lose_the_phase() -> None:
     assert refine_period(t, motion(t, 0.5), 0.5015, 5, np.ones(2)).value == pytest.approx(0.5, rel=1e-9)
 
 
-def test_a_period_that_is_off_by_a_tenth_is_reached() -> None:
-    """Steps are of a hundredth at most, and the twelfth is the last."""
-    t = np.arange(450) * 0.02
-    for start in (4.0 * 1.01**-11.5, 4.0 * 0.99**-11.3):
-        assert refine_period(t, np.sin(np.pi / 2 * t)[:, None], start, 1, np.ones(1)).value == pytest.approx(
-            4, rel=1e-4
-        )
-
-
 def fit(q: np.ndarray, t: np.ndarray, period: Period, harmonics: int | None = None):
     sought = PeriodicFitRequest([harmonics], False, np.array([True]), np.array([1e-3]))
     return fit_periodic(Log(t, q[:, None], q[:, None], ("a",)), slice(0, len(t)), period, sought), sought

@@ -35,17 +35,6 @@ def test_the_window_is_nearly_the_best_for_the_acceleration(noise: float, colour
     assert acceleration_error(SavitzkyGolay(), data) < 1.25 * best
 
 
-def test_noise_and_window_are_said() -> None:
-    motion = SavitzkyGolay()(log())
-    assert motion.smoothing["noise"] == pytest.approx((1e-4, 1e-4), rel=0.05)
-    window = motion.smoothing["window"]
-    assert 0.1 < window[0] < window[1] < 1.5
-    assert motion.t[motion.mask][0] == pytest.approx(window[1] / 2)
-    assert motion.t[motion.mask][-1] == pytest.approx(motion.t[-1] - window[1] / 2)
-    twice = SavitzkyGolay(factor=2.0)(log()).smoothing["window"]
-    assert twice == pytest.approx([2 * x for x in window], rel=0.05)
-
-
 def test_where_both_orders_miss_the_motion_no_window_is_taken() -> None:
     """A window of seconds would make a fast motion vanish in both, which then agree."""
     t = np.arange(6000) * 0.005

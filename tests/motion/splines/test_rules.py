@@ -34,18 +34,6 @@ def columns(n: int = 400) -> tuple[np.ndarray, np.ndarray]:
     return t, np.column_stack([np.sin(3 * t), 2 * np.cos(2 * t)]) + 0.01 * rng.standard_normal((n, 2))
 
 
-def test_a_setting_for_each_column_is_that_columns() -> None:
-    t, y = columns()
-    apart = smooth(t, y, Constraint(S=[100.0, 900.0]), sigma=0.01)
-    np.testing.assert_allclose(apart.S, [100.0, 900.0], rtol=1e-8)
-    np.testing.assert_allclose(smooth(t, y, Constraint(S=[300.0]), sigma=0.01).S, 300.0, rtol=1e-8)
-    for k, S in enumerate((100.0, 900.0)):
-        alone = smooth(t, y[:, k], Constraint(S=S), sigma=0.01)
-        np.testing.assert_allclose(apart.values[:, k], alone.values, atol=1e-9)
-    np.testing.assert_allclose(smooth(t, y, Fixed(lam=[1e-4, 1e-2])).lam, [1e-4, 1e-2])
-    np.testing.assert_allclose(smooth(t, y, Fixed(p=[5.0, 0.0])).p, [5.0, 0.0])
-
-
 @pytest.mark.parametrize("rule", [Constraint(S=[1.0, 2.0, 3.0]), Fixed(p=[1.0, 2.0, 3.0]), Fixed(lam=[1.0, 2.0, 3.0])])
 def test_settings_for_more_columns_than_there_are(rule: Rule) -> None:
     t, y = columns()

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -115,7 +116,8 @@ def _training_files(identification: Identification, allow_code: bool) -> set[str
 
 
 def _unused_name(name: str, logs: Mapping[str, Log]) -> str:
-    return next(candidate for candidate in (name, *(f"{name} ({k})" for k in range(2, 10**6))) if candidate not in logs)
+    names = chain([name], (f"{name} ({k})" for k in count(2)))
+    return next(candidate for candidate in names if candidate not in logs)
 
 
 def read_gains(path: Path) -> DriveGains:

@@ -160,6 +160,10 @@ def identify_servos(config: str | Path | Project, out: str | Path | ResultFolder
 
     Raises ConfigError where the configuration is not of that kind, or the folder holds the report of another command,
     ModelError where MuJoCo is not installed or cannot simulate the file, InputError where a log cannot be used.
+
+    >>> import dynident as dy
+    >>> result = dy.identify_servos("arm.yaml", "arm-out")  # doctest: +SKIP
+    >>> result.use, result.frame()  # doctest: +SKIP
     """
     project = config if isinstance(config, Project) else read_project(config)
     if out is None:

@@ -147,6 +147,17 @@ def test_an_offset_that_a_missing_torque_imitates_for_a_while_is_none(monkeypatc
     assert full.seconds == pytest.approx(-0.03, abs=1e-3)  # the torque is that of before
 
 
+def test_what_the_model_lacks_at_one_joint_does_not_move_the_offset_of_all() -> None:
+    """A ripple of the first joint, ten times the noise: joints count by what the model leaves of their torque."""
+    arm, motion = swing()
+    noise = 0.02 * np.random.default_rng(0).standard_normal(motion.tau.shape)
+    ripple = np.column_stack([0.2 * np.sin(8 * motion.q[:, 0]), np.zeros(len(motion))])
+    delayed = replace(motion.shift(-0.003), tau=motion.tau + noise + ripple)
+    time_offset = find_time_offset(arm, [delayed])
+    assert time_offset.seconds == pytest.approx(0.003, abs=2e-4)
+    assert time_offset.std < 5e-4
+
+
 def test_what_the_motion_invents_of_an_offset_is_taken_off() -> None:
     """Of 4 ms where a repetition without offset shows 1.5 ms, 2.5 ms are left; where it shows all, none."""
     motion = sliding(0.004, 0.2)

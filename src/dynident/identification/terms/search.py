@@ -256,12 +256,12 @@ class JointSearch:
         """
         uncertain_speed = 0.0
         for k, entry in enumerate(self.entered):
-            sharp, term = entry.group.terms[0], entry.term
-            if not (isinstance(term, DryFriction) and isinstance(sharp, DryFriction) and sharp.sharp.all()):
+            sharp = replace(entry.term, width=0.0) if isinstance(entry.term, DryFriction) else None
+            if sharp is None or sharp not in entry.group.terms:
                 continue
-            if 0.0 < float(term.constant("width", self.joint)) <= turning_step:
+            if 0.0 < float(entry.term.constant("width", self.joint)) <= turning_step:
                 smooth_error = self.errors(candidates).sum()
-                self.entered[k] = replace(entry, size=0)
+                self.entered[k] = replace(entry, size=entry.group.terms.index(sharp))
                 # what costs more than a few samples on the way is no mean of theirs
                 if self.errors(candidates).sum() > MAX_SHARP_LOSS * smooth_error:
                     self.entered[k] = entry

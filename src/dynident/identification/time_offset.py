@@ -22,6 +22,7 @@ from dynident.identification.cross_validation import Gain, motion_gain
 from dynident.identification.repetition import repeat_recordings
 from dynident.identification.smoother_choice import SmootherChoice, choose_by_joint, choose_smoother, cut_excerpts
 from dynident.models import Model
+from dynident.models.friction import Dahl
 from dynident.motion.log import Log, Motion, subsample
 from dynident.motion.smoothers import Smoother, TimeShifted, smooth_log, strip_time_offset
 from dynident.regression import EVERYTHING, Regression, Selection, TriangularFactors, fitted_mask, fitted_rows, rank_of
@@ -41,6 +42,7 @@ MAX_NEWTON_STEPS, NEWTON_TOLERANCE = 5, 0.1  # steps that refine the search, and
 EXPECTED_FITS = 50  # fits that the search takes where it finds an offset
 NEAREST_TRIALS = 3  # trials that come first where no offset is expected
 WEIGHT_ITERATIONS = 5  # of the weights of the joints
+PRESLIDING_SHARES = (3e-3, 3e-2)  # of the range of a joint, over which friction builds up
 MIN_ERROR_REDUCTION = 0.005  # share of the error that a time offset must remove to be accepted
 MIN_SIGNIFICANCE = 3.0  # standard errors that it must differ from zero by
 
@@ -143,23 +145,35 @@ def align_motion(
     earlier_offset = best.time_offset if isinstance(best, TimeShifted) else 0.0
     report_progress(Step("estimating the time offset"))
     excerpt_logs = cut_excerpts(logs)
-    motions = [
-        model.remembering(motion)
-        for motion in motion_cache.get(id(best)) or [smooth_log(best, log) for log in excerpt_logs]
-    ]
-    usable = [k for k, motion in enumerate(motions) if fitted_mask(motion).any()]  # not a log that is excluded wholly
-    excerpt_logs, motions = [excerpt_logs[k] for k in usable], [motions[k] for k in usable]
+    smoothed = list(motion_cache.get(id(best)) or [smooth_log(best, log) for log in excerpt_logs])
+    usable = [k for k, motion in enumerate(smoothed) if fitted_mask(motion).any()]  # not a log that is excluded wholly
+    # the terms are still to be chosen: presliding friction is delayed, as by an offset, until it is among them
+    offset_model = model if by_joint else add_presliding(model, [smoothed[k] for k in usable])
+    excerpt_logs, motions = [excerpt_logs[k] for k in usable], [offset_model.remembering(smoothed[k]) for k in usable]
 
     def repeat_motions(theta: Array) -> Iterable[Sequence[Motion]]:
-        return repeat_recordings(model, excerpt_logs, motions, best, theta)
+        return repeat_recordings(offset_model, excerpt_logs, motions, best, theta)
 
-    estimate = find_time_offset(model, motions, selection, repeat_motions)
+    estimate = find_time_offset(offset_model, motions, selection, repeat_motions)
     if estimate.seconds:
         best = choose(
             [TimeShifted(strip_time_offset(smoother), earlier_offset + estimate.seconds) for smoother in smoothers]
         )
     best = smooth_by_joint(best)  # once, with the offset
     return Alignment(best, choice, replace(estimate, seconds=earlier_offset + estimate.seconds))
+
+
+def add_presliding(model: Model, motions: Sequence[Motion]) -> Model:
+    """Return the model with Dahl friction of two lengths at all joints that move, itself where it has some."""
+    reach = np.max([np.ptp(motion.q, axis=0) for motion in motions], axis=0, initial=0.0)
+    on = tuple(joint.name for joint, r in zip(model.joints, reach, strict=True) if r > 0)
+    if not on or any(isinstance(term, Dahl) for term in model.terms):
+        return model
+    return model.with_terms(*(
+        Dahl(model.joints, on=on, names=tuple(f"{share} {name}" for name in on),
+             length={name: share * float(r) for name, r in zip(on, reach[reach > 0], strict=True)})
+        for share in PRESLIDING_SHARES
+    ))  # fmt: skip
 
 
 def find_time_offset(

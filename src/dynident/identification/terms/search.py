@@ -179,11 +179,12 @@ class JointSearch:
             self._resize(candidates)
 
     def _retry_best(self, candidates: CandidateGrams, results: list[_TrialResult]) -> list[_TrialResult]:
-        """Return the results, after a second look at the best where faster motion refutes it and the blocks do not.
+        """Return the results, after a second look at the best that may be, where only faster motion refutes it.
 
         The sizes of the entered groups were fitted without it, and may be wrong for that reason alone.
         """
-        best = max(results, key=lambda candidate: candidate.trial.gain, default=None)
+        possible = [candidate for candidate in results if candidate.trial.outcome is not TrialOutcome.NEGATIVE]
+        best = max(possible, key=lambda candidate: candidate.trial.gain, default=None)
         if (
             best is None
             or best.trial.outcome is not TrialOutcome.REFUTED_FASTER

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
-from dynident.identification import Gain, Recipe, align_motion, find_time_offset, identify
-from dynident.identification.calibration import with_plain_terms
+from dynident.identification import Gain, Recipe, align_motion, calibration, find_time_offset, identify
+from dynident.identification.calibration import ChosenTerms, Preparation, with_plain_terms
+from dynident.identification.dataset import Dataset
 from dynident.models import Model, RigidBodies, RotorInertia
 from dynident.models.friction import Dahl, Offset, Viscous
 from dynident.models.lagrangian import slider, two_link_arm
@@ -230,3 +232,23 @@ def test_friction_that_builds_up_takes_its_share_of_the_offset_back() -> None:
     result = identify(Model((UPPER_ARM,)), {"a": presliding(4)}, {"b": presliding(5)}, recipe)
     assert result.calibration.time_offset.seconds == pytest.approx(-0.004, abs=5e-4)
     assert result.validations[1].errors.relative_error < 1.5
+
+
+def test_reversals_below_a_minimum_speed_that_was_chosen_still_show_the_offset(monkeypatch: pytest.MonkeyPatch) -> None:
+    speeds, choose, prepare = [], calibration.add_chosen_terms, calibration.prepare
+
+    def choose_speed(*parts: Any) -> ChosenTerms:
+        terms = choose(*parts)
+        return replace(terms, recipe=replace(terms.recipe, min_speed={"j": 0.1}))
+
+    def record_speed(model: Model, data: Dataset, recipe: Recipe, *others: Any) -> Preparation:
+        speeds.append(recipe.min_speed)
+        return prepare(model, data, recipe, *others)
+
+    monkeypatch.setattr(calibration, "add_chosen_terms", choose_speed)
+    monkeypatch.setattr(calibration, "prepare", record_speed)
+    recipe = Recipe(Spline(sigma=1e-5), time_offset="estimate", terms="auto")
+    result = identify(Model((UPPER_ARM,)), {"a": presliding(5)}, (), recipe)
+    assert set(speeds) == {None}
+    assert len(speeds) > 1
+    assert result.recipe.min_speed == {"j": 0.1}

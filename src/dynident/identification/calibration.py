@@ -310,7 +310,9 @@ def choose_in_rounds(
     for _ in range(MAX_ROUNDS):
         # All is aligned anew by the terms that were chosen, with their load, and what no longer gains is dropped.
         full_model = replace(terms.model, load=terms.choice.load if terms.model.needs_load else None)
-        aligned = prepare(full_model, data, terms.recipe, executor, cache, preparation.angles)
+        # the samples below a minimum speed that was chosen hold reversals, which show the time offset best
+        trial_recipe = replace(terms.recipe, min_speed=recipe.min_speed)
+        aligned = prepare(full_model, data, trial_recipe, executor, cache, preparation.angles)
         if aligned.is_near(preparation):
             preparation = aligned
             break

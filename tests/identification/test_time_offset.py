@@ -220,7 +220,7 @@ def presliding(seed: int, delay: float = 0.004) -> Log:
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.004])
-def test_friction_that_builds_up_is_no_offset_while_the_terms_are_still_to_be_chosen(delay: float) -> None:
+def test_friction_that_builds_up_is_no_offset_where_the_model_lacks_it(delay: float) -> None:
     """With a sign of the velocity alone it looks like 36 ms and more."""
     model = with_plain_terms(Model((UPPER_ARM,)))
     result = align_motion(model, [presliding(5, delay)], (Spline(sigma=1e-5),), "estimate")

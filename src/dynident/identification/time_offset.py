@@ -147,8 +147,7 @@ def align_motion(
     excerpt_logs = cut_excerpts(logs)
     smoothed = list(motion_cache.get(id(best)) or [smooth_log(best, log) for log in excerpt_logs])
     usable = [k for k, motion in enumerate(smoothed) if fitted_mask(motion).any()]  # not a log that is excluded wholly
-    # the terms are still to be chosen: presliding friction is delayed, as by an offset, until it is among them
-    offset_model = model if by_joint else add_presliding(model, [smoothed[k] for k in usable])
+    offset_model = add_presliding(model, [smoothed[k] for k in usable])
     excerpt_logs, motions = [excerpt_logs[k] for k in usable], [offset_model.remembering(smoothed[k]) for k in usable]
 
     def repeat_motions(theta: Array) -> Iterable[Sequence[Motion]]:
@@ -164,7 +163,10 @@ def align_motion(
 
 
 def add_presliding(model: Model, motions: Sequence[Motion]) -> Model:
-    """Return the model with Dahl friction of two lengths at all joints that move, itself where it has some."""
+    """Return the model with Dahl friction of two lengths at all joints that move, itself where it has some.
+
+    Friction that builds up after a reversal, and that the model lacks, looks like an offset.
+    """
     reach = np.max([np.ptp(motion.q, axis=0) for motion in motions], axis=0, initial=0.0)
     on = tuple(joint.name for joint, r in zip(model.joints, reach, strict=True) if r > 0)
     if not on or any(isinstance(term, Dahl) for term in model.terms):

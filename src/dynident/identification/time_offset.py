@@ -233,9 +233,10 @@ def _find_within(
         return error
 
     error = error_of(motions)
+    aligned_error = training_error(*fit.solve(fit.shift(motions, 0.0)))
     best, after, before = _minimise_error(error, trials, trials)
     if np.isnan(best):
-        return TimeOffset(np.nan, *[training_error(*fit.solve(fit.shift(motions, 0.0)))] * 2)
+        return TimeOffset(np.nan, aligned_error, aligned_error)
     refined, std = fit.refine(motions, best)
     # signs of velocities and noise of the motion make waves, of which the search takes the deepest: the value that the
     # slope gives is better, unless it fits clearly worse
@@ -243,7 +244,6 @@ def _find_within(
     if takes_slope:
         best, after = refined, error(refined)
     std = max(std, fit.std(motions, best))
-    aligned_error = training_error(*fit.solve(fit.shift(motions, 0.0)))
     no_offset = TimeOffset(0.0, aligned_error, aligned_error, std)
     if not after < (1.0 - MIN_ERROR_REDUCTION) * before or abs(best) < MIN_SIGNIFICANCE * std:
         return no_offset

@@ -185,11 +185,9 @@ class JointSearch:
         """
         possible = [candidate for candidate in results if candidate.trial.outcome is not TrialOutcome.NEGATIVE]
         best = max(possible, key=lambda candidate: candidate.trial.gain, default=None)
-        if (
-            best is None
-            or best.trial.outcome is not TrialOutcome.REFUTED_FASTER
-            or best.trial.gain < CLEAR_GAIN_ERRORS * best.trial.std
-        ):
+        if best is None or best.trial.outcome is not TrialOutcome.REFUTED_FASTER:
+            return results
+        if best.trial.gain < CLEAR_GAIN_ERRORS * best.trial.std:
             return results
         # Enter it tentatively, let the sizes settle, and judge it once more beside these.
         tentative = replace(self, entered=[*self.entered, best.entered], trials={})
@@ -257,10 +255,10 @@ class JointSearch:
         """
         uncertain_speed = 0.0
         for k, entry in enumerate(self.entered):
-            sharp = replace(entry.term, width=0.0) if isinstance(entry.term, DryFriction) else None
-            if sharp is None or sharp not in entry.group.terms:
+            term = entry.term
+            if not isinstance(term, DryFriction) or (sharp := replace(term, width=0.0)) not in entry.group.terms:
                 continue
-            if 0.0 < float(entry.term.constant("width", self.joint)) <= turning_step:
+            if 0.0 < float(term.constant("width", self.joint)) <= turning_step:
                 smooth_error = self.errors(candidates).sum()
                 self.entered[k] = replace(entry, size=entry.group.terms.index(sharp))
                 # what costs more than a few samples on the way is no mean of theirs

@@ -241,9 +241,9 @@ def test_reversals_below_a_minimum_speed_that_was_chosen_still_show_the_offset(m
         terms = choose(*parts)
         return replace(terms, recipe=replace(terms.recipe, min_speed={"j": 0.1}))
 
-    def record_speed(model: Model, data: Dataset, recipe: Recipe, *others: Any) -> Preparation:
+    def record_speed(model: Model, data: Dataset, recipe: Recipe, *others: Any, **switches: bool) -> Preparation:
         speeds.append(recipe.min_speed)
-        return prepare(model, data, recipe, *others)
+        return prepare(model, data, recipe, *others, **switches)
 
     monkeypatch.setattr(calibration, "add_chosen_terms", choose_speed)
     monkeypatch.setattr(calibration, "prepare", record_speed)

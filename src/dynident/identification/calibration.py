@@ -162,18 +162,21 @@ def prepare(
     executor: Executor | None = None,
     cache: dict[int, tuple[Motion, ...]] | None = None,
     angles: tuple[float, float] | None = None,
+    *,
+    presliding: bool = True,
 ) -> Preparation:
     """Align torque and motion, smooth all logs, and level the base, with the model as it is before a fit.
 
     ``cache`` keeps the motions by each smoother that is tried, for another call with other terms. The alignment is on a
-    base tilted by ``angles`` (rad), where these are known: the torque of a tilt can look like a time offset.
+    base tilted by ``angles`` (rad), where these are known: the torque of a tilt can look like a time offset, and so can
+    ``presliding`` friction, which is beside the model unless its terms were chosen.
     """
     selection = recipe.selection(model.joints)
     model, estimator = preliminary_setup(model, recipe)
     # Smoother and time offset come first: everything else depends on the smoothed motion.
     alignment = align_motion(
         on_base(model, angles), data.train_logs, recipe.smoothers, recipe.time_offset,
-        selection, executor=executor, cache=cache, by_joint=recipe.terms is None,
+        selection, executor=executor, cache=cache, by_joint=recipe.terms is None, presliding=presliding,
     )  # fmt: skip
     motions = data.motions(model, alignment.smoother, recipe)
     if recipe.base_tilt is None:
@@ -312,7 +315,7 @@ def choose_in_rounds(
         full_model = replace(terms.model, load=terms.choice.load if terms.model.needs_load else None)
         # the samples below a minimum speed that was chosen hold reversals, which show the time offset best
         trial_recipe = replace(terms.recipe, min_speed=recipe.min_speed)
-        aligned = prepare(full_model, data, trial_recipe, executor, cache, preparation.angles)
+        aligned = prepare(full_model, data, trial_recipe, executor, cache, preparation.angles, presliding=False)
         if aligned.is_near(preparation):
             preparation = aligned
             break

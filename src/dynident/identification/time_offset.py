@@ -108,12 +108,14 @@ def align_motion(
     executor: Executor | None = None,
     cache: dict[int, tuple[Motion, ...]] | None = None,
     by_joint: bool = False,
+    presliding: bool = True,
 ) -> Alignment:
     """Return the smoother, chosen among ``smoothers`` and shifted in time, that aligns torque and motion.
 
     Of several smoothers ``choose_smoother`` takes one, on the ``executor``, before the time offset is known and
     again with it, with ``by_joint`` then for each joint. One with a time offset of its own keeps it where no other
-    predicts better. ``cache`` keeps the motions by each smoother, for another call.
+    predicts better. The offset is sought beside ``presliding`` friction where the model lacks it. ``cache`` keeps the
+    motions by each smoother, for another call.
     """
     choice: SmootherChoice | None = None
     motion_cache: dict[int, tuple[Motion, ...]] = {} if cache is None else cache
@@ -147,7 +149,7 @@ def align_motion(
     excerpt_logs = cut_excerpts(logs)
     smoothed = list(motion_cache.get(id(best)) or [smooth_log(best, log) for log in excerpt_logs])
     usable = [k for k, motion in enumerate(smoothed) if fitted_mask(motion).any()]  # not a log that is excluded wholly
-    offset_model = add_presliding(model, [smoothed[k] for k in usable])
+    offset_model = add_presliding(model, [smoothed[k] for k in usable]) if presliding else model
     excerpt_logs, motions = [excerpt_logs[k] for k in usable], [offset_model.remembering(smoothed[k]) for k in usable]
 
     def repeat_motions(theta: Array) -> Iterable[Sequence[Motion]]:
@@ -163,10 +165,7 @@ def align_motion(
 
 
 def add_presliding(model: Model, motions: Sequence[Motion]) -> Model:
-    """Return the model with Dahl friction of two lengths at all joints that move, itself where it has some.
-
-    Friction that builds up after a reversal, and that the model lacks, looks like an offset.
-    """
+    """Return the model with Dahl friction of two lengths, which looks like an offset, itself where it has some."""
     reach = np.max([np.ptp(motion.q, axis=0) for motion in motions], axis=0, initial=0.0)
     on = tuple(joint.name for joint, r in zip(model.joints, reach, strict=True) if r > 0)
     if not on or any(isinstance(term, Dahl) for term in model.terms):

@@ -12,7 +12,18 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from dynident.estimators import LeastSquares, PhysicallyConsistent
-from dynident.identification import Recipe, SteepBase, base_tilt, find_base_tilt, has_gravity, identify, tilt_base
+from dynident.identification import (
+    Alignment,
+    Recipe,
+    SteepBase,
+    base_tilt,
+    find_base_tilt,
+    has_gravity,
+    identify,
+    tilt_base,
+)
+from dynident.identification.calibration import Preparation
+from dynident.identification.dataset import RoleMotions
 from dynident.models import Model, RigidBodies
 from dynident.models.friction import Viscous
 from dynident.models.lagrangian import two_link_arm
@@ -163,3 +174,15 @@ def test_joints_that_the_model_explains_well_show_the_tilt() -> None:
     tilt = find_base_tilt(model, [replace(motion, tau=motion.tau + wave)], LeastSquares(weights="per_joint"))
     assert (tilt.x, tilt.y) == pytest.approx((0.05, -0.04), abs=3e-3)
     assert max(tilt.std) < 4e-3
+
+
+def test_a_tilt_alone_makes_a_preparation_better() -> None:
+    """Smoothing and time offset stay as they were, as where the tilt was found beside the terms chosen."""
+    model, motion = tilted(0.02, -0.035)
+    motions, alignment = RoleMotions({"train": {"motion": motion}}), Alignment(Spline())
+    level, right = (
+        Preparation(tilt_base(model, *angles), LeastSquares(), motions, alignment, angles=angles)
+        for angles in ((0.0, 0.0), (0.02, -0.035))
+    )
+    assert right.is_better(level, model)
+    assert not level.is_better(right, model)

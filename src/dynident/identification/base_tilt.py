@@ -18,7 +18,7 @@ from dynident.estimators.least_squares import joint_weights, solve_least_squares
 from dynident.identification.calibration_std import calibration_std
 from dynident.identification.cross_validation import FOLDS, Gain, factors_by_fold, gain_from_errors, prediction_errors
 from dynident.identification.mounting import find_mounting, tilt_base
-from dynident.identification.time_offset import training_error, trial_samples
+from dynident.identification.time_offset import WEIGHT_ITERATIONS, training_error, trial_samples
 from dynident.models import Model, common_structure
 from dynident.motion.log import Motion, thin_motions
 from dynident.regression import (
@@ -40,7 +40,6 @@ MAX_AFFINE_ERROR = 1e-10  # of the largest entry: to what the rows must be affin
 MIN_GAIN = 2.0  # % of the squared cross-validated error that a tilt must remove
 STRETCHES_PER_FOLD = 8  # of each motion, in a fold
 EDGE_SHARE = 0.1  # share of a stretch left out at either end
-WEIGHT_ITERATIONS = 5  # of the weights of the joints
 START_TILT = 1e-3  # rad: at zero tilt, masses that act only through a tilt have no effect
 
 

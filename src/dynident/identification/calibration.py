@@ -132,22 +132,27 @@ class Preparation:
         has_same_tilt = np.abs(np.subtract(tilt, other_tilt)).max() < MAX_SAME_TILT
         return has_same_smoother and bool(has_same_tilt) and abs(self.time_offset - other.time_offset) < MAX_SAME_OFFSET
 
-    def is_better(self, other: Preparation) -> bool:
-        """Return whether its motions predict left-out stretches better than another's, beyond chance."""
+    def is_better(self, other: Preparation, model: Model) -> bool:
+        """Return whether a model predicts left-out stretches better on its motions and base, beyond chance."""
         pairs = list(zip(other.motions.train, self.motions.train, strict=True))
         common = [replace(new, mask=old.mask & new.mask) for old, new in pairs]
         rows = subsample(common, trial_samples(self.model))
         chosen = [(pair, at) for pair, at in zip(pairs, rows, strict=True) if len(at) > 1]
-        before, after = ([self.model.remembering(pair[k]).shift(0.0, at) for pair, at in chosen] for k in range(2))
-        gain = motion_gain(self.model, before, after)
+        models = [on_base(model, preparation.angles) for preparation in (other, self)]
+        before, after = ([models[k].remembering(pair[k]).shift(0.0, at) for pair, at in chosen] for k in range(2))
+        gain = motion_gain(models[1], before, after, model_before=models[0])
         return gain.sure and gain.share > MIN_GAIN
 
     def with_terms(self, model: Model, recipe: Recipe) -> Preparation:
         """Return it with the terms of a model, without those that need a load, which a fit is to find."""
         model, estimator = preliminary_setup(model, recipe)
-        if self.angles is not None:
-            model = tilt_base(model, *self.angles)
+        model = on_base(model, self.angles)
         return replace(self, model=model, estimator=estimator, motions=self.motions.remember(model))
+
+
+def on_base(model: Model, angles: tuple[float, float] | None) -> Model:
+    """Return the model on a base tilted by the angles (rad), itself where there are none."""
+    return model if angles is None else tilt_base(model, *angles)
 
 
 def prepare(
@@ -157,18 +162,21 @@ def prepare(
     executor: Executor | None = None,
     cache: dict[int, tuple[Motion, ...]] | None = None,
     angles: tuple[float, float] | None = None,
+    *,
+    presliding: bool = True,
 ) -> Preparation:
     """Align torque and motion, smooth all logs, and level the base, with the model as it is before a fit.
 
     ``cache`` keeps the motions by each smoother that is tried, for another call with other terms. The alignment is on a
-    base tilted by ``angles`` (rad), where these are known: the torque of a tilt can look like a time offset.
+    base tilted by ``angles`` (rad), where these are known: the torque of a tilt can look like a time offset, and so can
+    ``presliding`` friction, which is beside the model unless its terms were chosen.
     """
     selection = recipe.selection(model.joints)
     model, estimator = preliminary_setup(model, recipe)
     # Smoother and time offset come first: everything else depends on the smoothed motion.
     alignment = align_motion(
-        model if angles is None else tilt_base(model, *angles), data.train_logs, recipe.smoothers, recipe.time_offset,
-        selection, executor=executor, cache=cache, by_joint=recipe.terms is None,
+        on_base(model, angles), data.train_logs, recipe.smoothers, recipe.time_offset,
+        selection, executor=executor, cache=cache, by_joint=recipe.terms is None, presliding=presliding,
     )  # fmt: skip
     motions = data.motions(model, alignment.smoother, recipe)
     if recipe.base_tilt is None:
@@ -304,12 +312,14 @@ def choose_in_rounds(
     terms = add_chosen_terms(model, recipe, preparation)
     for _ in range(MAX_ROUNDS):
         # All is aligned anew by the terms that were chosen, with their load, and what no longer gains is dropped.
-        load = terms.choice.load if terms.model.needs_load else None
-        aligned = prepare(replace(terms.model, load=load), data, terms.recipe, executor, cache, preparation.angles)
+        full_model = replace(terms.model, load=terms.choice.load if terms.model.needs_load else None)
+        # the samples below a minimum speed that was chosen hold reversals, which show the time offset best
+        trial_recipe = replace(terms.recipe, min_speed=recipe.min_speed)
+        aligned = prepare(full_model, data, trial_recipe, executor, cache, preparation.angles, presliding=False)
         if aligned.is_near(preparation):
             preparation = aligned
             break
-        if not aligned.is_better(preparation):
+        if not aligned.is_better(preparation, full_model):
             break
         other_terms = add_chosen_terms(model, recipe, aligned)
         if not other_terms.choice.error < terms.choice.error:
@@ -336,8 +346,7 @@ def _choose_model_terms(model: Model, recipe: Recipe, preparation: Preparation) 
     Classes that the recipe proposes take part beside those of the library. Raises the other errors of
     ``choose_terms``.
     """
-    tilt = preparation.angles
-    bodies = drop_load_dependence(model if tilt is None else tilt_base(model, *tilt))
+    bodies = drop_load_dependence(on_base(model, preparation.angles))
     motions = tuple(map(bodies.remembering, preparation.motions.train))
     kinds = (*library_kinds(), *(kind_of_class(proposed.__name__, proposed) for proposed in recipe.proposed))
     try:

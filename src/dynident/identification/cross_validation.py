@@ -46,18 +46,28 @@ class Gain:
         return f"{short(self.share, 2)} +- {short(self.std, 2)} % of the squared cross-validated error"
 
 
-def motion_gain(model: Model, before: Sequence[Motion], after: Sequence[Motion], folds: int = FOLDS) -> Gain:
+def motion_gain(
+    model: Model,
+    before: Sequence[Motion],
+    after: Sequence[Motion],
+    folds: int = FOLDS,
+    *,
+    model_before: Model | None = None,
+) -> Gain:
     """Return the gain in the cross-validated error from fitting the motions ``after`` instead of ``before``.
 
     Both have the same samples and are compared on those that both fit, so that neither wins by leaving samples
-    out.
+    out. ``model_before`` is that for the motions before, where it is another one.
     """
     common = [fitted_mask(old) & fitted_mask(new) for old, new in zip(before, after, strict=True)]
     old, new = (
         left_out_errors(
-            model, motions, [replace(motion, keep=keep) for motion, keep in zip(motions, common, strict=True)], folds
+            fitted_model,
+            motions,
+            [replace(motion, keep=keep) for motion, keep in zip(motions, common, strict=True)],
+            folds,
         )
-        for motions in (before, after)
+        for fitted_model, motions in ((model_before or model, before), (model, after))
     )
     return gain_from_errors(old, new)
 

@@ -16,11 +16,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.estimators.least_squares import joint_weights
 from dynident.identification.calibration_std import calibration_std
 from dynident.identification.cross_validation import Gain, motion_gain
 from dynident.identification.repetition import repeat_recordings
 from dynident.identification.smoother_choice import SmootherChoice, choose_by_joint, choose_smoother, cut_excerpts
 from dynident.models import Model
+from dynident.models.friction import Dahl
 from dynident.motion.log import Log, Motion, subsample
 from dynident.motion.smoothers import Smoother, TimeShifted, smooth_log, strip_time_offset
 from dynident.regression import EVERYTHING, Regression, Selection, TriangularFactors, fitted_mask, fitted_rows, rank_of
@@ -39,6 +41,8 @@ SEARCH_STEP, SLOPE_STEP = 2e-5, 2e-3  # s: of the search, and of the slope at it
 MAX_NEWTON_STEPS, NEWTON_TOLERANCE = 5, 0.1  # steps that refine the search, and in standard errors the last one
 EXPECTED_FITS = 50  # fits that the search takes where it finds an offset
 NEAREST_TRIALS = 3  # trials that come first where no offset is expected
+WEIGHT_ITERATIONS = 5  # of the weights of the joints
+PRESLIDING_SHARES = (3e-3, 3e-2)  # of the range of a joint, over which friction builds up
 MIN_ERROR_REDUCTION = 0.005  # share of the error that a time offset must remove to be accepted
 MIN_SIGNIFICANCE = 3.0  # standard errors that it must differ from zero by
 
@@ -104,12 +108,14 @@ def align_motion(
     executor: Executor | None = None,
     cache: dict[int, tuple[Motion, ...]] | None = None,
     by_joint: bool = False,
+    presliding: bool = True,
 ) -> Alignment:
     """Return the smoother, chosen among ``smoothers`` and shifted in time, that aligns torque and motion.
 
     Of several smoothers ``choose_smoother`` takes one, on the ``executor``, before the time offset is known and
     again with it, with ``by_joint`` then for each joint. One with a time offset of its own keeps it where no other
-    predicts better. ``cache`` keeps the motions by each smoother, for another call.
+    predicts better. The offset is sought beside ``presliding`` friction where the model lacks it. ``cache`` keeps the
+    motions by each smoother, for another call.
     """
     choice: SmootherChoice | None = None
     motion_cache: dict[int, tuple[Motion, ...]] = {} if cache is None else cache
@@ -141,17 +147,15 @@ def align_motion(
     earlier_offset = best.time_offset if isinstance(best, TimeShifted) else 0.0
     report_progress(Step("estimating the time offset"))
     excerpt_logs = cut_excerpts(logs)
-    motions = [
-        model.remembering(motion)
-        for motion in motion_cache.get(id(best)) or [smooth_log(best, log) for log in excerpt_logs]
-    ]
-    usable = [k for k, motion in enumerate(motions) if fitted_mask(motion).any()]  # not a log that is excluded wholly
-    excerpt_logs, motions = [excerpt_logs[k] for k in usable], [motions[k] for k in usable]
+    smoothed = list(motion_cache.get(id(best)) or [smooth_log(best, log) for log in excerpt_logs])
+    usable = [k for k, motion in enumerate(smoothed) if fitted_mask(motion).any()]  # not a log that is excluded wholly
+    offset_model = add_presliding(model, [smoothed[k] for k in usable]) if presliding else model
+    excerpt_logs, motions = [excerpt_logs[k] for k in usable], [offset_model.remembering(smoothed[k]) for k in usable]
 
     def repeat_motions(theta: Array) -> Iterable[Sequence[Motion]]:
-        return repeat_recordings(model, excerpt_logs, motions, best, theta)
+        return repeat_recordings(offset_model, excerpt_logs, motions, best, theta)
 
-    estimate = find_time_offset(model, motions, selection, repeat_motions)
+    estimate = find_time_offset(offset_model, motions, selection, repeat_motions)
     if estimate.seconds:
         best = choose(
             [TimeShifted(strip_time_offset(smoother), earlier_offset + estimate.seconds) for smoother in smoothers]
@@ -160,13 +164,26 @@ def align_motion(
     return Alignment(best, choice, replace(estimate, seconds=earlier_offset + estimate.seconds))
 
 
+def add_presliding(model: Model, motions: Sequence[Motion]) -> Model:
+    """Return the model with Dahl friction of two lengths, which looks like an offset, itself where it has some."""
+    reach = np.max([np.ptp(motion.q, axis=0) for motion in motions], axis=0, initial=0.0)
+    on = tuple(joint.name for joint, r in zip(model.joints, reach, strict=True) if r > 0)
+    if not on or any(isinstance(term, Dahl) for term in model.terms):
+        return model
+    return model.with_terms(*(
+        Dahl(model.joints, on=on, names=tuple(f"{share} {name}" for name in on),
+             length={name: share * float(r) for name, r in zip(on, reach[reach > 0], strict=True)})
+        for share in PRESLIDING_SHARES
+    ))  # fmt: skip
+
+
 def find_time_offset(
     model: Model,
     motions: Sequence[Motion],
     selection: Selection = EVERYTHING,
     repeat: Callable[[Array], Iterable[Sequence[Motion]]] = lambda _: (),
 ) -> TimeOffset:
-    """Find the time offset at which least squares explains the unfiltered torque of the motions best.
+    """Find the time offset at which weighted least squares explains the unfiltered torque of the motions best.
 
     It is sought within 32 ms, then within 100 ms (``WIDE_OFFSETS``). It is zero where it removes less than 0.5 % of
     the error, is below three standard errors, or gains no more than one standard error in cross-validation, as it
@@ -200,23 +217,25 @@ def _find_within(
     # Which samples are slow is decided once: an error over other samples could not be compared.
     motions = _keep_fast(motions, selection)
     aligned = Regression(model, _shift(motions, rows, 0.0)).triangular_factors
-    fit = _OffsetFit(model, rows, rank_of(aligned.stack(), model.parameters).determined_directions)
+    directions = rank_of(aligned.stack(), model.parameters).determined_directions
+    fit = _OffsetFit(model, rows, directions, joint_weights(aligned, "per_joint", WEIGHT_ITERATIONS, model.parameters))
 
     def error_of(motions: Sequence[Motion]) -> Callable[[float], float]:
-        """Return the training error as a function of the offset."""
+        """Return the weighted training error as a function of the offset."""
 
         @cache
         def error(time_offset: float) -> float:
             fit_number = next(fits)
             report_progress(Step("estimating the time offset", fit_number, max(fit_number, EXPECTED_FITS)))
-            return training_error(*fit.solve(fit.shift(motions, time_offset)))
+            return training_error(*fit.solve(fit.shift(motions, time_offset)), fit.weights)
 
         return error
 
     error = error_of(motions)
+    aligned_error = training_error(*fit.solve(fit.shift(motions, 0.0)))
     best, after, before = _minimise_error(error, trials, trials)
     if np.isnan(best):
-        return TimeOffset(np.nan, before, before)
+        return TimeOffset(np.nan, aligned_error, aligned_error)
     refined, std = fit.refine(motions, best)
     # signs of velocities and noise of the motion make waves, of which the search takes the deepest: the value that the
     # slope gives is better, unless it fits clearly worse
@@ -224,7 +243,7 @@ def _find_within(
     if takes_slope:
         best, after = refined, error(refined)
     std = max(std, fit.std(motions, best))
-    no_offset = TimeOffset(0.0, before, before, std)
+    no_offset = TimeOffset(0.0, aligned_error, aligned_error, std)
     if not after < (1.0 - MIN_ERROR_REDUCTION) * before or abs(best) < MIN_SIGNIFICANCE * std:
         return no_offset
     # The same search in repetitions with a known offset of zero shows what smoothing alone makes.
@@ -241,11 +260,12 @@ def _find_within(
     if count_repeated := len(spurious_offsets):  # what they share is of the smoother; how they differ is chance
         best -= float(np.mean(spurious_offsets))
         std = float(np.hypot(std, np.std(spurious_offsets) / np.sqrt(count_repeated)))
-    after = error(best)
-    if not (after < (1.0 - MIN_ERROR_REDUCTION) * before and MIN_SIGNIFICANCE * std <= abs(best) <= trials[-2]):
+    if not (error(best) < (1.0 - MIN_ERROR_REDUCTION) * before and MIN_SIGNIFICANCE * std <= abs(best) <= trials[-2]):
         return replace(no_offset, std=std)
-    gain = motion_gain(model, fit.shift(motions, 0.0), fit.shift(motions, best))
-    return TimeOffset(best, before, after, std, gain) if gain.sure else replace(no_offset, std=std, gain=gain)
+    shifted = fit.shift(motions, best)
+    gain = motion_gain(model, fit.shift(motions, 0.0), shifted)
+    estimate = TimeOffset(best, aligned_error, training_error(*fit.solve(shifted)), std, gain)
+    return estimate if gain.sure else replace(no_offset, std=std, gain=gain)
 
 
 def _keep_fast(motions: Sequence[Motion], selection: Selection) -> list[Motion]:
@@ -296,12 +316,14 @@ def _shift(motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], time_off
 class _OffsetFit:
     """Least squares of a ``model`` to the ``rows`` of shifted motions, along the ``directions`` (p, r) alone.
 
-    Directions that the data do not determine would be fitted to noise, and a rank takes longer than this fit.
+    Directions that the data do not determine would be fitted to noise, and a rank takes longer than this fit. Joints
+    count by their ``weights`` (n): what the model lacks at one of them must not move the offset.
     """
 
     model: Model
     rows: Sequence[NDArray[np.intp]]
     directions: Array
+    weights: Array
 
     def shift(self, motions: Sequence[Motion], time_offset: float) -> tuple[Motion, ...]:
         """Return the rows of the motions at an offset."""
@@ -312,15 +334,15 @@ class _OffsetFit:
         from scipy.linalg import lstsq
 
         triangular = Regression(self.model, shifted).triangular_factors
-        factor = triangular.stack()
+        factor = triangular.stack(self.weights)
         solution = lstsq(factor[:, :-1] @ self.directions, factor[:, -1], lapack_driver="gelsy")[0]
         return triangular, np.asarray(self.directions @ solution)
 
     def residuals(self, shifted: tuple[Motion, ...]) -> list[Array]:
-        """Return the residual torque (n, N) that is fitted, of each motion."""
+        """Return the weighted residual (n, N) that is fitted, of each motion."""
         _, value = self.solve(shifted)
         pairs = ((motion, motion.tau - self.model.torque(**motion.states(), theta=value)) for motion in shifted)
-        return [(residual * fitted_mask(motion)).T for motion, residual in pairs]
+        return [(residual * fitted_mask(motion) * self.weights).T for motion, residual in pairs]
 
     def refine(self, motions: Sequence[Motion], best: float) -> tuple[float, float]:
         """Return the offset (s) next to the best at which f' is zero, and its standard error; inf where there is none.
@@ -356,7 +378,7 @@ class _OffsetFit:
         later, here, earlier = (self.shift(motions, offset + side * h) for side in (1.0, 0.0, -1.0))
         pairs = zip(self.residuals(later), self.residuals(earlier), strict=True)
         lines = [(forward - backward)[..., None] / (2 * h) for forward, backward in pairs]
-        return float(calibration_std(lines, self.residuals(here), Regression(self.model, here))[0])
+        return float(calibration_std(lines, self.residuals(here), Regression(self.model, here), self.weights)[0])
 
 
 def _slope_step(motions: Sequence[Motion]) -> float:
@@ -365,10 +387,11 @@ def _slope_step(motions: Sequence[Motion]) -> float:
     return interval * float(np.ceil(SLOPE_STEP / interval))
 
 
-def training_error(triangular: TriangularFactors, value: Array) -> float:
-    """Return the relative error (%) of parameters (p) on the rows of triangular factors."""
-    torque = float(np.square(triangular.factors[:, :, -1]).sum())
-    return 100.0 * float(np.sqrt(triangular.residual(value).sum() / torque)) if torque > 0 else 0.0
+def training_error(triangular: TriangularFactors, value: Array, weights: Array | float = 1.0) -> float:
+    """Return the relative error (%) of parameters (p) on triangular factors, with ``weights`` (n) of the joints."""
+    errors, torques = (triangular.residual(theta) for theta in (value, np.zeros(len(value))))
+    w, torque = np.square(weights), float((np.square(weights) * torques).sum())
+    return 100.0 * float(np.sqrt((w * errors).sum() / torque)) if torque > 0 else 0.0
 
 
 def trial_samples(model: Model) -> int:

@@ -75,6 +75,11 @@ def coulomb(t: Array, q: Array, dq: Array, load: Array) -> Array:
     return viscous(t, q, dq, load) + np.sign(dq)
 
 
+def breakaway(t: Array, q: Array, dq: Array, load: Array) -> Array:
+    """Coulomb friction that is larger in a narrow range of low speed, with a sharp sign."""
+    return coulomb(t, q, dq, load) + 0.5 * np.exp(-np.square(dq / 0.05)) * np.sign(dq)
+
+
 def averaged(t: Array, q: Array, dq: Array, load: Array) -> Array:
     """Viscous and Coulomb friction, each sample the mean over its interval: at a reversal of both signs."""
     step = np.abs(np.gradient(dq, axis=0))

@@ -20,7 +20,7 @@ from dynident.identification.terms import (
 from dynident.identification.terms.candidates import KINDS
 from dynident.identification.terms.samples import TermSamples
 from dynident.models import Joint, Model
-from dynident.models.friction import Coulomb, Ripple, Viscous
+from dynident.models.friction import Coulomb, Ripple, Stribeck, Viscous
 from dynident.regression import Selection
 from dynident.runtime import InputError
 from tests.identification.terms import simulated
@@ -43,6 +43,15 @@ def test_shape_constants_are_those_of_the_law() -> None:
     (term,) = (term for term in chosen("ripple", PLAIN).terms if isinstance(term, Ripple))
     rates = [term.constant("cycles", name)[0] for name in term.acts_on]
     assert rates == pytest.approx([32.0] * 3, rel=0.005)  # right also where the motion did not go
+
+
+def test_breakaway_is_found_with_its_sharp_sign_where_faster_motion_hardly_shows_it() -> None:
+    """A smooth sign, or a wider range of speed, would take a part of it alone."""
+    choice = chosen("breakaway", (*PLAIN, *(kind for kind in KINDS if kind.name in ("stribeck", "wide_coulomb"))))
+    (term,) = (term for term in choice.terms if isinstance(term, Stribeck))
+    assert term.acts_on == ("j1", "j2", "j3")
+    assert term.sharp.all()
+    assert [term.constant("velocity", name) for name in term.acts_on] == pytest.approx([0.05] * 3, rel=0.3)
 
 
 def test_ripple_is_not_refuted_by_what_else_is_wrong_further_out() -> None:

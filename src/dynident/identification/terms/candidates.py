@@ -33,11 +33,16 @@ from dynident.runtime.families import TERMS
 WIDTHS = tuple((0.005 * 1.25 ** np.arange(21)).tolist())  # of the rms speed; others make up for coarser ones
 # likewise: beside the sign, over which friction still rises
 WIDE_WIDTHS = tuple((0.1 * 1.25 ** np.arange(12)).tolist())
-VELOCITIES = (0.1, 0.14, 0.2, 0.3, 0.5)  # likewise; a smaller one is a width
 LENGTHS = tuple((1e-4 * 1.25 ** np.arange(28)).tolist())  # of the reach
 EXPONENTS = (0.3, 0.5, 0.7, 1.5, 2.0, 3.0)
 MIN_DRIFT_DURATION = 18.0  # s: of a recording that could show that friction changes as a robot warms up
-STRIBECK_WIDTHS = (0.01, 0.02, 0.03, 0.045)  # of the rms speed: widths of the sign of Stribeck friction
+# of the rms speed: width of the sign and velocity of Stribeck friction; where the sign rises slower, so does Coulomb's
+STRIBECK_SIZES = tuple(
+    (width, velocity)
+    for width in (0.0, 0.01, 0.02, 0.03, 0.045)
+    for velocity in (0.02, 0.03, 0.045, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5)
+    if velocity >= 4.0 * width
+)
 
 
 @dataclass(frozen=True)
@@ -104,12 +109,10 @@ def _sized_terms(
 
 
 def _stribeck_terms(excitation: JointExcitation) -> Sequence[Term]:
+    on, speed = (excitation.joint.name,), excitation.speed
     return tuple(
-        term
-        for width in STRIBECK_WIDTHS
-        for term in _sized_terms(
-            partial(Stribeck, width=width * excitation.speed), "velocity", "speed", VELOCITIES, excitation
-        )
+        Stribeck(excitation.joints, on=on, width=width * speed, velocity=velocity * speed)
+        for width, velocity in STRIBECK_SIZES
     )
 
 

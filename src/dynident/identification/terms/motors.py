@@ -8,14 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.identification.terms.candidates import (
-    EXPONENTS,
-    STRIBECK_WIDTHS,
-    VELOCITIES,
-    WIDTHS,
-    CandidateKind,
-    TermGroup,
-)
+from dynident.identification.terms.candidates import EXPONENTS, STRIBECK_SIZES, WIDTHS, CandidateKind, TermGroup
 from dynident.identification.terms.grams import JointGrams
 from dynident.identification.terms.samples import N_CLASSES, JointEquations, TermSamples
 from dynident.identification.terms.search import JointSearch, SearchFolds, TermEntry
@@ -103,7 +96,7 @@ def _candidate_laws(motor: CoupledMotor, speed: float) -> list[tuple[CandidateKi
             for setting in settings
         )
 
-    stribeck = ({"width": w * speed, "velocity": v * speed} for w in STRIBECK_WIDTHS for v in VELOCITIES)
+    stribeck = ({"width": w * speed, "velocity": v * speed} for w, v in STRIBECK_SIZES)
     return [
         (
             CandidateKind("coupled coulomb", lambda _: (), dry=True),

@@ -171,16 +171,15 @@ class JointSearch:
             self._resize(candidates)
 
     def _retry_best(self, candidates: CandidateGrams, results: list[_TrialResult]) -> list[_TrialResult]:
-        """Return the results, after a second look at the best where faster motion refutes it and the blocks do not.
+        """Return the results, after a second look at the best that may be, where only faster motion refutes it.
 
         The sizes of the entered groups were fitted without it, and may be wrong for that reason alone.
         """
-        best = max(results, key=lambda candidate: candidate.trial.gain, default=None)
-        if (
-            best is None
-            or best.trial.outcome is not TrialOutcome.REFUTED_FASTER
-            or best.trial.gain < CLEAR_GAIN_ERRORS * best.trial.std
-        ):
+        possible = [candidate for candidate in results if candidate.trial.outcome is not TrialOutcome.NEGATIVE]
+        best = max(possible, key=lambda candidate: candidate.trial.gain, default=None)
+        if best is None or best.trial.outcome is not TrialOutcome.REFUTED_FASTER:
+            return results
+        if best.trial.gain < CLEAR_GAIN_ERRORS * best.trial.std:
             return results
         # Enter it tentatively, let the sizes settle, and judge it once more beside these.
         tentative = replace(self, entered=[*self.entered, best.entered], trials={})
@@ -254,12 +253,12 @@ class JointSearch:
         """
         uncertain_speed = 0.0
         for k, entry in enumerate(self.entered):
-            sharp, term = entry.group.terms[0], entry.term
-            if not (isinstance(term, DryFriction) and isinstance(sharp, DryFriction) and sharp.sharp.all()):
+            term = entry.term
+            if not isinstance(term, DryFriction) or (sharp := replace(term, width=0.0)) not in entry.group.terms:
                 continue
             if 0.0 < float(term.constant("width", self.joint)) <= turning_step:
                 smooth_error = self.errors(candidates).sum()
-                self.entered[k] = replace(entry, size=0)
+                self.entered[k] = replace(entry, size=entry.group.terms.index(sharp))
                 # what costs more than a few samples on the way is no mean of theirs
                 if self.errors(candidates).sum() > MAX_SHARP_LOSS * smooth_error:
                     self.entered[k] = entry

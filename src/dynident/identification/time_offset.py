@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from itertools import count
 from typing import Literal
 
@@ -114,8 +114,8 @@ def align_motion(
 
     Of several smoothers ``choose_smoother`` takes one, on the ``executor``, before the time offset is known and
     again with it, with ``by_joint`` then for each joint. One with a time offset of its own keeps it where no other
-    predicts better. The offset is sought beside ``presliding`` friction where the model lacks it. ``cache`` keeps the
-    motions by each smoother, for another call.
+    predicts better. Torques that seem to be stamped late are aligned beside ``presliding`` friction, where the model
+    lacks it. ``cache`` keeps the motions by each smoother, for another call.
     """
     choice: SmootherChoice | None = None
     motion_cache: dict[int, tuple[Motion, ...]] = {} if cache is None else cache
@@ -127,6 +127,9 @@ def align_motion(
         choice = choose_smoother(model, logs, candidates, motion_cache=motion_cache, executor=executor)
         return choice.smoother
 
+    def shift_smoothers(time_offset: float) -> list[Smoother]:
+        return [TimeShifted(strip_time_offset(smoother), time_offset) for smoother in smoothers]
+
     def smooth_by_joint(best: Smoother) -> Smoother:
         nonlocal choice
         if choice is None or not by_joint:
@@ -135,12 +138,7 @@ def align_motion(
         return choice.smoother
 
     if time_offset != "estimate":
-        shifted_smoothers = (
-            [TimeShifted(strip_time_offset(smoother), time_offset) for smoother in smoothers]
-            if time_offset
-            else smoothers
-        )
-        best = smooth_by_joint(choose(shifted_smoothers))
+        best = smooth_by_joint(choose(shift_smoothers(time_offset) if time_offset else smoothers))
         return Alignment(best, choice)
     # Without an offset first: the smoother must be known before torque and motion can be aligned.
     best = choose(smoothers)
@@ -149,32 +147,33 @@ def align_motion(
     excerpt_logs = cut_excerpts(logs)
     smoothed = list(motion_cache.get(id(best)) or [smooth_log(best, log) for log in excerpt_logs])
     usable = [k for k, motion in enumerate(smoothed) if fitted_mask(motion).any()]  # not a log that is excluded wholly
-    offset_model = add_presliding(model, [smoothed[k] for k in usable]) if presliding else model
-    excerpt_logs, motions = [excerpt_logs[k] for k in usable], [offset_model.remembering(smoothed[k]) for k in usable]
+    excerpt_logs, smoothed = [excerpt_logs[k] for k in usable], [smoothed[k] for k in usable]
 
-    def repeat_motions(theta: Array) -> Iterable[Sequence[Motion]]:
-        return repeat_recordings(offset_model, excerpt_logs, motions, best, theta)
+    def estimate_offset(model: Model) -> TimeOffset:
+        motions = [model.remembering(motion) for motion in smoothed]
+        repeat = partial(repeat_recordings, model, excerpt_logs, motions, best)
+        return find_time_offset(model, motions, selection, repeat)
 
-    estimate = find_time_offset(offset_model, motions, selection, repeat_motions)
+    estimate = estimate_offset(model)
+    # friction that builds up after a reversal looks like torques that are stamped late
+    if estimate.seconds < 0 and presliding:
+        estimate = estimate_offset(add_presliding(model, smoothed))
     if estimate.seconds:
-        best = choose(
-            [TimeShifted(strip_time_offset(smoother), earlier_offset + estimate.seconds) for smoother in smoothers]
-        )
+        best = choose(shift_smoothers(earlier_offset + estimate.seconds))
     best = smooth_by_joint(best)  # once, with the offset
     return Alignment(best, choice, replace(estimate, seconds=earlier_offset + estimate.seconds))
 
 
 def add_presliding(model: Model, motions: Sequence[Motion]) -> Model:
-    """Return the model with Dahl friction of two lengths, which looks like an offset, itself where it has some."""
+    """Return the model with Dahl friction of two lengths, which looks like late torques, itself where it has some."""
     reach = np.max([np.ptp(motion.q, axis=0) for motion in motions], axis=0, initial=0.0)
-    on = tuple(joint.name for joint, r in zip(model.joints, reach, strict=True) if r > 0)
-    if not on or any(isinstance(term, Dahl) for term in model.terms):
+    lengths = {joint.name: float(r) for joint, r in zip(model.joints, reach, strict=True) if r > 0}
+    if not lengths or any(isinstance(term, Dahl) for term in model.terms):
         return model
-    return model.with_terms(*(
-        Dahl(model.joints, on=on, names=tuple(f"{share} {name}" for name in on),
-             length={name: share * float(r) for name, r in zip(on, reach[reach > 0], strict=True)})
-        for share in PRESLIDING_SHARES
-    ))  # fmt: skip
+    for share in PRESLIDING_SHARES:
+        length, names = {name: share * r for name, r in lengths.items()}, tuple(f"{share} {name}" for name in lengths)
+        model = model.with_terms(Dahl(model.joints, on=tuple(lengths), names=names, length=length))
+    return model
 
 
 def find_time_offset(

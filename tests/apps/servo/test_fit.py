@@ -62,17 +62,11 @@ def test_values_and_delay_are_found_within_their_errors(motion) -> None:
     assert (rollout.nominal_error > 10 * rollout.error).all()
 
 
-def slow_recording() -> ServoLog:
-    """Commands in steps and positions at 30 Hz, which is no multiple of the time step, as low-cost arms log them."""
-    t = np.arange(180) / 30.0
-    command = np.round(0.3 * np.sin(np.outer(t, (5.0, 3.0, 4.0))) + 0.2 * (np.floor(t[:, None] / 2) % 2), 2)
-    (q,) = plant().rollout(values(), ServoLog("", t, command, t, command))
-    return ServoLog("30 Hz", t, np.round(q / COUNT) * COUNT, t, command)
-
-
 def test_the_slope_by_the_delay_is_that_to_both_sides() -> None:
-    # where commands pass from one time step to the next, slopes differ: that to one side alone stops a search
-    motion, delay, change = smooth_servo_log(slow_recording()), Entry(Quantity.DELAY, 0), 2e-4
+    # commands in steps at 30 Hz pass from one time step to the next: a slope to one side alone stops a search
+    t, delay, change = np.arange(180) / 30.0, Entry(Quantity.DELAY, 0), 2e-4
+    command = np.round(0.3 * np.sin(np.outer(t, (5.0, 3.0, 4.0))) + 0.2 * (np.floor(t[:, None] / 2) % 2), 2)
+    motion = smooth_servo_log(ServoLog("30 Hz", t, 0 * command, t, command))
     base, *sides = (residuals(plant(), [motion], values(delay=TRUE_DELAY + x)) for x in (0.0, change, -change))
     slope = sensitivity(plant(), [motion], values(), [delay], base)[..., 0]
     misses = [np.linalg.norm(side - base - x * slope) for side, x in zip(sides, (change, -change), strict=True)]

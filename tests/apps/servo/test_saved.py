@@ -41,8 +41,8 @@ def test_the_model_for_exports_has_the_torques_of_mujoco(saved) -> None:
 
 def test_isaac_lab_gets_what_was_found(saved, folder) -> None:
     done = succeed("export", "changed.json", "--format", "isaac", "--out", "arm_isaac.py")
-    assert "Not in the file: offset of base, 0.02" in done.output
-    assert "offset of elbow, 0.01" in done.output
+    assert "Not in the file: offset of base = 0.0200 rad" in done.output
+    assert "offset of elbow = 0.0100 rad" in done.output
     literals, values = read_literals((folder / "arm_isaac.py").read_text()), saved.values
     columns = {
         "ARMATURE": values.armature, "FRICTION": values.frictionloss, "VISCOUS_FRICTION": values.damping,

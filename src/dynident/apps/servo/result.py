@@ -67,8 +67,7 @@ class ServoIdentification(Noun):
 
     def unit(self, entry: Entry) -> str:
         """Return the unit of an entry, "" for a factor."""
-        is_torque = entry.quantity is Quantity.COMMAND_OFFSET and self.fit.values.takes_torque[entry.k]
-        return UNITS[Quantity.FRICTIONLOSS if is_torque else entry.quantity][self.joints[entry.k].kind == "prismatic"]
+        return entry_unit(entry, self.joints, self.fit.values)
 
     def parameters(self) -> list[dict[str, Any]]:
         """Return the fitted values as rows: joint, quantity, value, standard error ``std``, and the value of the file.
@@ -97,3 +96,9 @@ def entry_name(entry: Entry, joints: Sequence[str]) -> str:
     """Return the name of a parameter, such as ``armature of elbow``."""
     words = str(entry.quantity).replace("_", " ")
     return words if entry.quantity is Quantity.DELAY else f"{words} of {joints[entry.k]}"
+
+
+def entry_unit(entry: Entry, joints: Sequence[Joint], values: ServoValues) -> str:
+    """Return the unit of a parameter, "" for a factor; that of an offset of a commanded torque is a torque's."""
+    is_torque = entry.quantity is Quantity.COMMAND_OFFSET and values.takes_torque[entry.k]
+    return UNITS[Quantity.FRICTIONLOSS if is_torque else entry.quantity][joints[entry.k].kind == "prismatic"]

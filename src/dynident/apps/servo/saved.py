@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dynident.apps.servo.result import entry_name
+from dynident.apps.servo.result import entry_name, entry_unit
 from dynident.apps.servo.run import ServoArm, load_servos
 from dynident.apps.servo.values import Entry, Quantity, ServoValues
 from dynident.models import Model, RigidBodies, RotorInertia, change_frame
@@ -58,11 +58,13 @@ class SavedServos:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """What no other simulator's file holds: offsets of encoders and commands (rad, m; N m, N of torques)."""
+        """What no other simulator's file holds: offsets of encoders and commands."""
+        joints, values = self.project.model.joints, self.values
+        entries = [entry for entry in self.std if entry.quantity in (Quantity.OFFSET, Quantity.COMMAND_OFFSET)]
         return tuple(
-            f"{entry_name(entry, self.arm.plant.joints)}, {number(self.values.entry(entry), 3)}"
-            for entry in self.std
-            if entry.quantity in (Quantity.OFFSET, Quantity.COMMAND_OFFSET)
+            f"{entry_name(entry, self.arm.plant.joints)} = {number(values.entry(entry), 3)} "
+            f"{entry_unit(entry, joints, values)}"
+            for entry in entries
         )
 
     def _inertias(self, bodies: RigidBodies) -> Array:

@@ -128,8 +128,8 @@ class Project(Noun):
         turning = turning_joints(self.config)
         identification = with_findings(identification, self.model, logs, self.recipe, multi_turn=turning)
         # what reading has warned of may be among the findings as well, which tell of all joints and logs at once
-        said = set(map(str, identification.findings))
-        notes = (*self.model.notes, *(remark for remark in remarks if remark not in said))
+        finding_texts = set(map(str, identification.findings))
+        notes = (*self.model.notes, *(remark for remark in remarks if remark not in finding_texts))
         return self._with_provenance(identification, notes, files)
 
     def _identify_at_once(

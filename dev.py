@@ -173,8 +173,15 @@ def compile_kernel() -> None:
         stamp.write_text(now)
 
 
+def install_extra(arguments: list[str]) -> None:
+    """Install what a command needs beyond others: servos are simulated in MuJoCo."""
+    if extra := "mujoco" if "--servo" in arguments else EXTRAS.get(arguments[0] if arguments else ""):
+        install(extra)
+
+
 def demo(arguments: list[str]) -> None:
     """Identify the arm that comes with dynident, where the user stands; say what to type next."""
+    install_extra(arguments)
     os.environ["DYNIDENT_COMMAND"] = f"{called()} run"
     run(*DYNIDENT, "demo", *arguments, folder=None)
     if {"-h", "--help"} & set(arguments):
@@ -184,8 +191,7 @@ def demo(arguments: list[str]) -> None:
 
 def dynident(arguments: list[str]) -> None:
     """Run a command of dynident where the user stands, with what it needs beyond others."""
-    if extra := EXTRAS.get(arguments[0] if arguments else ""):
-        install(extra)
+    install_extra(arguments)
     os.environ["DYNIDENT_COMMAND"] = f"{called()} run"
     become(*DYNIDENT, *arguments)
 

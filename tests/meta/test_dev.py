@@ -269,9 +269,9 @@ def test_extras_and_groups_become_requirements(project: Path, monkeypatch: pytes
 def test_what_a_command_needs_is_installed_when_it_is_called(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[str] = []
     names = dev(project, monkeypatch, "python3", "dev.py", install=calls.append, become=lambda *_: None)
-    for command in ("identify", "tune"):
-        names["main"](["run", command])
-    assert calls == ["", "", "ui"]
+    for words in (["identify"], ["tune"], ["demo", "--servo"]):
+        names["main"](["run", *words])
+    assert calls == ["", "", "ui", "", "mujoco"]
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     assert set(names["EXTRAS"]) <= set(main.commands)
     assert set(names["EXTRAS"].values()) <= set(settings["project"]["optional-dependencies"])

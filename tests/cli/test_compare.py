@@ -20,10 +20,10 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_comparison_is_printed_and_written(project: Path, tmp_path: Path) -> None:
     out, numbers = tmp_path / "out", tmp_path / "numbers.json"
     few = ("--smoothers", "difference", "--estimators", "least_squares", "--folds", 0, "--workers", 1)
-    said = succeed("compare", project, *few, "--out", out, "--json", numbers).output
-    assert len(said.splitlines()) <= 12
-    assert "predicts the torque best: mean joint error" in said.splitlines()[-1]
-    assert "yours" in said
+    output = succeed("compare", project, *few, "--out", out, "--json", numbers).output
+    assert len(output.splitlines()) <= 12
+    assert "predicts the torque best: mean joint error" in output.splitlines()[-1]
+    assert "yours" in output
     assert {path.name for path in out.iterdir()} == {"report.html", "compare.json", "compare.parquet"}
     assert json.loads(numbers.read_text()) == json.loads((out / "compare.json").read_text())
 

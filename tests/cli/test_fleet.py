@@ -24,13 +24,13 @@ def test_a_fleet_is_identified_reported_and_known_the_next_time(fleet: Path) -> 
     out = fleet.with_name("out")
     command = ("fleet", fleet, "--out", out, "--workers", 1)
     (fleet.parent / "logs" / "arm-1" / "2026-02-30.csv").write_text("t\n")
-    said = succeed(*command).output
-    assert said.splitlines()[-1].startswith("fleet: 4 logs of 2 robots")
-    assert "the date '2026-02-30' of logs/arm-1/2026-02-30.csv cannot be read" in " ".join(said.split())
+    output = succeed(*command).output
+    assert output.splitlines()[-1].startswith("fleet: 4 logs of 2 robots")
+    assert "the date '2026-02-30' of logs/arm-1/2026-02-30.csv cannot be read" in " ".join(output.split())
     assert {path.name for path in out.iterdir()} == {"fleet.parquet", "report.html", "recipe.yaml", "fleet.json"}
-    said = succeed(*command).output
-    assert "Logs identified now: 1; known before: 3." in said
-    assert len(said.splitlines()) <= 12
+    output = succeed(*command).output
+    assert "Logs identified now: 1; known before: 3." in output
+    assert len(output.splitlines()) <= 12
     assert "arm-1  " in succeed(*command, "-v").output  # the table of robots
 
 

@@ -289,8 +289,10 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     probe_folder(out.parent)
     screen, remarks = console(), list[str]()
     if is_servo_result(result):
-        from dynident.apps.servo import load_servo_result
+        from dynident.apps.servo import MODEL, load_servo_result
 
+        if kind == "mjcf":  # that of an MJCF would keep its servos
+            raise ModelError(f"{result}: the MJCF of servos is {result.parent / MODEL}, which identify has written.")
         servos = load_servo_result(result, allow_code=allow_code)
         identified, sources = servos.identified, servos.project.sources
         remarks += [*servos.warnings, *(f"Not in the file: {words}" for words in servos.left_out)]

@@ -234,11 +234,11 @@ class JointSearch:
         removed = [trial for trial in self.trials.values() if trial.outcome is TrialOutcome.REDUNDANT]
         spoilers = [trial.kind for trial in removed if trial.gain > CLEAR_GAIN_ERRORS * trial.std]
         for name in [*spoilers, *(x.group.kind.name for x in self.entered if not x.group.kind.presumed)]:
-            rest = [x for x in self.entered if x.group.kind.name != name]
-            if len(rest) == len(self.entered) and name not in spoilers:
+            others = [x for x in self.entered if x.group.kind.name != name]
+            if len(others) == len(self.entered) and name not in spoilers:
                 continue  # it was replaced with another
             groups = tuple(group for group in self.groups if group.kind.name != name)
-            alternative = replace(self, groups=groups, entered=rest, trials={})
+            alternative = replace(self, groups=groups, entered=others, trials={})
             alternative.forward(candidates)
             alternative.backward(candidates)
             if alternative.errors(candidates).sum() < self.errors(candidates).sum():

@@ -134,8 +134,8 @@ def mass_matrix(q):
     """Return the matrix (n, n) or (N, n, n) that multiplies ddq, with rotor inertia."""
     (states,) = _states(q)
     still = 0 * states
-    rest = inverse_dynamics(states, still, still)
-    columns = [inverse_dynamics(states, still, still + unit) - rest for unit in np.eye(len(JOINTS))]
+    static_torque = inverse_dynamics(states, still, still)
+    columns = [inverse_dynamics(states, still, still + unit) - static_torque for unit in np.eye(len(JOINTS))]
     return np.stack(columns, axis=-1).reshape(np.shape(q) + (len(JOINTS),))
 '''
 

@@ -33,6 +33,19 @@ def urdf(*parts):
     return f'<?xml version="1.0"?>\n<robot name="test">{"".join(parts)}</robot>'
 
 
+def three_joints(*, base_axis=(0, 0, 1), fore_centre=(0.1, 0.01, 0), wrist="revolute"):
+    """An arm that turns about z or ``base_axis``, about y, and about or along x."""
+    return urdf(
+        link("base"),
+        link("shoulder", 3.0, (0.1, 0.02, 0.05)),
+        link("upper", 2.0, (0.15, 0.0, 0.02)),
+        link("fore", 1.0, fore_centre),
+        joint("j1", "revolute", "base", "shoulder", axis=base_axis),
+        joint("j2", "revolute", "shoulder", "upper", xyz=(0.2, 0, 0.3), axis=(0, 1, 0)),
+        joint("j3", wrist, "upper", "fore", xyz=(0.4, 0, 0), axis=(1, 0, 0)),
+    )
+
+
 UPPER = np.array([[0.03, 0.002, 0.001], [0.002, 0.025, -0.003], [0.001, -0.003, 0.02]])
 TURN = (0.3, -0.4, 0.5)
 AXIS = np.array([0.0, 0.6, 0.8])

@@ -32,17 +32,9 @@ from dynident.motion.smoothers import Spline
 from dynident.regression import EVERYTHING
 from dynident.runtime import ConfigError
 from tests.identification.motions import sines
-from tests.robots import joint, link, urdf
+from tests.robots import three_joints
 
-ARM = urdf(
-    link("base"),
-    link("shoulder", 3.0, (0.1, 0.02, 0.05)),
-    link("upper", 2.0, (0.15, 0.0, 0.02)),
-    link("fore", 1.0, (0.1, 0.01, 0.0)),
-    joint("j1", "revolute", "base", "shoulder", axis=(0, 0, 1)),
-    joint("j2", "revolute", "shoulder", "upper", xyz=(0.2, 0, 0.3), axis=(0, 1, 0)),
-    joint("j3", "revolute", "upper", "fore", xyz=(0.4, 0, 0), axis=(1, 0, 0)),
-)
+ARM = three_joints()
 
 
 @cache

@@ -23,18 +23,10 @@ from dynident.models import (
 from dynident.models.friction import Coulomb, Viscous
 from dynident.models.structure import select_independent
 from dynident.runtime import ModelError
-from tests.robots import joint, link, urdf
+from tests.robots import three_joints
 
 Array = NDArray[np.float64]
-ARM = urdf(
-    link("base"),
-    link("shoulder", 3.0, (0.1, 0.02, 0.05)),
-    link("upper", 2.0, (0.15, 0.0, 0.02)),
-    link("fore", 1.0, (0.1, 0.01, 0.0)),
-    joint("j1", "revolute", "base", "shoulder", axis=(0, 0, 1)),
-    joint("j2", "revolute", "shoulder", "upper", xyz=(0.2, 0, 0.3), axis=(0, 1, 0)),
-    joint("j3", "prismatic", "upper", "fore", xyz=(0.4, 0, 0), axis=(1, 0, 0)),
-)
+ARM = three_joints(wrist="prismatic")
 
 
 @dataclass(frozen=True)

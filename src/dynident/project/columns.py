@@ -91,6 +91,7 @@ _DERIVED_WORDS = _word_set(
     "bias passive constraint inverse"
 )
 _AFTER_PRESENT = _word_set("pos position positions angle angles torque torques effort efforts")
+COMMANDED = -2  # the rank of what was commanded or derived, not measured
 _LOAD_WORDS = _word_set("load auslastung")  # of a motor, in %
 _POSITION_PHRASES = _word_set("observation state"), _word_set("axis act")  # of LeRobot, and of the traces of KUKA
 
@@ -105,7 +106,7 @@ class ColumnName:
     number: int | None
     unit: str | None
     family: tuple[str, ...]
-    rank: int  # 1 measured, 0 not said, -1 filtered, -2 commanded or something derived
+    rank: int  # 1 measured, 0 not said, -1 filtered, COMMANDED
 
 
 @dataclass(frozen=True)
@@ -285,5 +286,5 @@ def is_reference(column: str, joints: Iterable[str]) -> bool:
 
 def _measurement_rank(words: set[str]) -> int:
     if words & (_COMMANDED_WORDS | _DERIVED_WORDS):
-        return -2
+        return COMMANDED
     return int(bool(words & _MEASURED_WORDS)) - int(bool(words & _FILTERED_WORDS))

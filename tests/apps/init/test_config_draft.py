@@ -341,11 +341,22 @@ def test_gains_are_proposed_with_a_question(tmp_path: Path, mass: float) -> None
     logs = [record_currents(tmp_path, name, phase) for name, phase in (("a.csv", 0.0), ("b.csv", 1.3))]
     done = succeed("init", write_current_arm(tmp_path, mass), *logs, "-o", tmp_path / "c.yaml")
     text = (tmp_path / "c.yaml").read_text()
-    config = parse_config(text, tmp_path / "c.yaml")
-    gains = [config.torque[name].gain for name in ("lift", "bend")]
-    assert gains == pytest.approx(mass * GAINS, rel=0.05)
+    torque = parse_config(text, tmp_path / "c.yaml").torque
+    assert [torque["lift"].gain, torque["bend"].gain] == pytest.approx(mass * GAINS, rel=0.05)
     assert "are its masses right?" in done.output
     assert text.count("from the robot file") == 2
+
+
+@pytest.mark.parametrize(("scale", "is_taken"), [(1.0, True), (1e3, False)], ids=["same unit", "other unit"])
+def test_gains_that_the_controller_commands_are_taken(tmp_path: Path, scale: float, is_taken: bool) -> None:
+    rows = np.loadtxt(record_currents(tmp_path, "a.csv", 0.0), delimiter=",", skiprows=1)
+    names = ["t", *(f"{k}_{j}" for k in ("q", "current", "target_current", "target_torque") for j in ("lift", "bend"))]
+    rows = np.hstack([rows, scale * rows[:, 3:], 1.1 * GAINS * rows[:, 3:]])
+    np.savetxt(tmp_path / "b.csv", rows, delimiter=",", header=",".join(names), comments="")
+    done = succeed("init", write_current_arm(tmp_path), tmp_path / "b.csv", "-o", tmp_path / "c.yaml")
+    torque = parse_config((tmp_path / "c.yaml").read_text(), tmp_path / "c.yaml").torque
+    assert ([torque["lift"].gain, torque["bend"].gain] == pytest.approx(1.1 * GAINS, rel=1e-3)) is is_taken
+    assert ("'target_torque_lift' over 'target_current_lift'" in done.output) is is_taken
 
 
 def test_without_masses_the_gains_are_to_be_filled_in(tmp_path: Path) -> None:

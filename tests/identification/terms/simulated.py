@@ -14,20 +14,12 @@ from dynident.models.friction import Dahl
 from dynident.motion.filters import butterworth, zero_phase
 from dynident.motion.log import Motion
 from tests.identification.motions import sines
-from tests.robots import joint, link, urdf
+from tests.robots import three_joints
 
 Array = NDArray[np.float64]
 Law = Callable[[Array, Array, Array, Array], Array]
 
-ARM = urdf(
-    link("base"),
-    link("shoulder", 3.0, (0.1, 0.02, 0.05)),
-    link("upper", 2.0, (0.15, 0.0, 0.02)),
-    link("fore", 1.0, (0.1, 0.06, 0.0)),
-    joint("j1", "revolute", "base", "shoulder", axis=(0, 1, 0)),
-    joint("j2", "revolute", "shoulder", "upper", xyz=(0.2, 0, 0.3), axis=(0, 1, 0)),
-    joint("j3", "revolute", "upper", "fore", xyz=(0.4, 0, 0), axis=(1, 0, 0)),
-)
+ARM = three_joints(base_axis=(0, 1, 0), fore_centre=(0.1, 0.06, 0))
 PLAIN = tuple(kind for kind in library_kinds() if kind.presumed)
 FEW = (*PLAIN, *(kind for kind in library_kinds() if kind.name in ("load_coulomb", "dahl")))
 SIZE = np.array([3.0, 1.5, 0.15])  # N m: of the friction of each joint

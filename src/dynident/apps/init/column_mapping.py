@@ -38,16 +38,15 @@ _MAX_LIMIT_RATIO, _MIN_EFFORT_RATIO = 1.5, 0.02  # times the effort limit: torqu
 class ChannelProposal:
     """A proposed channel of a joint: its column (None: not found), its unit, and the questions to confirm.
 
-    ``gain`` says what the gain means where the column is not a torque yet; ``factor`` is an estimate of it and
-    its standard error, where the motion shows it. ``wraps`` is the turn after which a position starts anew, in
-    the unit of the column.
+    ``gain`` says what the gain means where the column is not a torque yet; ``factor`` is an estimate of it, where the
+    logs show it. ``wraps`` is the turn after which a position starts anew, in the unit of the column.
     """
 
     column: str | None
     unit: str
     questions: tuple[str, ...] = ()
     gain: str = ""
-    factor: tuple[float, float] | None = None
+    factor: float | None = None
     wraps: float | None = None
 
     @property

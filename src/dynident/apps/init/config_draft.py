@@ -31,12 +31,6 @@ from dynident.runtime.arrays import Array
 
 _TRAINING_SHARE = 0.7  # of a single log
 _MAX_MEASURED_VALUE = 1e100  # of values that can have been measured
-_GAIN_QUESTION = (
-    "the gains are those with which gravity and inertia of the robot file explain the motion: are its masses right? "
-    "Errors in % do not depend on a factor that all gains share, but masses, inertias and friction do; data sheets or "
-    "a known payload tell it"
-)
-
 _RATE_QUESTION = (
     "no stamps were found; at {} Hz other columns are the velocities, in rad/s if the positions are in rad: is this "
     "the sampling rate?"
@@ -272,15 +266,10 @@ def _write_channels(page: _Page, section: str, signals: Mapping[str, ChannelProp
     common = set.intersection(*(set(signal.questions) for signal in signals.values())) if len(signals) > 1 else set()
     if common:
         page.ask(section, "; ".join(text for text in next(iter(signals.values())).questions if text in common))
-    if any(signal.factor for signal in signals.values()):
-        page.ask(section, _GAIN_QUESTION)
     _request_missing(page, section, signals)
     for name, channel in signals.items():
         complete = channel.column is not None and not channel.needs_gain
         question = "; ".join(text for text in channel.questions if text not in common)
-        if channel.factor:
-            value, std = channel.factor
-            question = f"{value:.4g} +- {std:.2g} from the robot file: {channel.gain}?"
         page.line(_channel_line(name, channel), f"{section}.{name}", question if complete else "")
 
 
@@ -298,7 +287,7 @@ def _channel_line(name: str, signal: ChannelProposal) -> str:
     """Return the line of a channel; it is a comment where something is to be filled in."""
     if signal.column is None:
         return f"  # {yaml_name(name)}: {{ column: , unit: {signal.unit} }}"
-    gain = f" gain: {signal.factor[0]:.4g}," if signal.factor else " gain: ," if signal.gain else ""
+    gain = f" gain: {signal.factor:.4g}," if signal.factor else " gain: ," if signal.gain else ""
     gain += f" wraps: {signal.wraps!r}," if signal.wraps else ""
     start = "  # " if signal.needs_gain else "  "
     return f"{start}{yaml_name(name)}: {{ column: {yaml_name(signal.column)},{gain} unit: {signal.unit} }}"

@@ -16,7 +16,7 @@ from dynident.files.tables import DataTable
 from dynident.files.xml_text import SUFFIXES
 from dynident.models.rigid_bodies import read_robot_file
 from dynident.models.robot_files import JointCoupling, RobotFile, RobotJointLimits
-from dynident.project.columns import ColumnFamily, tokens
+from dynident.project.columns import COMMANDED, ColumnFamily, tokens
 from dynident.project.config import load_model, robot_text
 from dynident.project.fields import unit_size
 from dynident.runtime import ModelError
@@ -77,7 +77,7 @@ def best_pair(
     candidates = [*moving, *map(_numbers, column_families)]
     numbers = next((keys for keys in candidates if len(keys) == len(joints)), [])
     family_matches = (
-        match_family(family, joints, joints_by_number, numbers) for family in column_families if family.rank > -2
+        match_family(family, joints, joints_by_number, numbers) for family in column_families if family.rank > COMMANDED
     )
     matches = [match for match in family_matches if match.columns]
     turning = {joint.name for joint in joints if joint.kind == "revolute"}

@@ -93,7 +93,7 @@ class DraftFits:
         )
         for torque, current in product(torques, currents):
             question = _COMMANDED_QUESTION.format(next(iter(torque.values())), next(iter(current.values())))
-            proposals = {}
+            proposals: dict[str, ChannelProposal] = {}
             for name, channel in mapping.torque.items():
                 key = keys.get(channel.column or "")
                 if channel.column and key in torque and key in current:

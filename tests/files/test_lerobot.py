@@ -10,18 +10,17 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from dynident.apps.compare_results.config import _digest_of_file
 from dynident.apps.fleets.config import FleetSettings, fleet_logs
 from dynident.apps.online.recorded import RecordedFile, is_recorded
-from dynident.cli import main
 from dynident.files.lerobot import episode_files, recordings
 from dynident.files.opener import real_path
 from dynident.files.tables import read_columns
 from dynident.project.settings import LogSpec
 from dynident.runtime import InputError, budget_scope, set_budget
+from tests.cli.commands import succeed
 from tests.files.data_sets import write_data_set
 from tests.robots import joint, link, urdf
 
@@ -221,8 +220,7 @@ def test_init_drafts_all_episodes(tmp_path: Path) -> None:
     joints = [joint("shoulder", "revolute", "base", "upper"), joint("elbow", "revolute", "upper", "lower")]
     (tmp_path / "arm.urdf").write_text(urdf(*links, *joints))
     draft = tmp_path / "arm.yaml"
-    done = CliRunner().invoke(main, ["init", str(tmp_path / "arm.urdf"), str(tmp_path / "set"), "-o", str(draft)])
-    assert done.exit_code == 0, done.output
+    succeed("init", tmp_path / "arm.urdf", tmp_path / "set", "-o", draft)
     text = draft.read_text()
     assert "column: observation.state.shoulder, unit: deg" in text
     assert "set/#0" in text

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from click.testing import CliRunner
 
-from dynident.cli import main
+from tests.cli.commands import succeed
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"
@@ -32,6 +31,5 @@ def configured(folder: Path, example: str, changes: str) -> Path:
 def identify(folder: Path, example: str) -> dict[str, Any]:
     """What the command finds with an example as it is."""
     path = configured(folder, example, "{}")
-    done = CliRunner().invoke(main, ["identify", str(path), "--out", str(folder / example)])
-    assert done.exit_code == 0, done.output
+    succeed("identify", path, "--out", folder / example)
     return json.loads((folder / example / "result.json").read_text())

@@ -10,10 +10,9 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
-from click.testing import CliRunner
 
-from dynident.cli import main
 from dynident.project.project import read_project
+from tests.cli.commands import succeed
 from tests.laws.test_new_user import URDF, T, states, truth
 
 NOISE = 0.05  # N m
@@ -77,12 +76,6 @@ FORMATS = {
 }
 
 
-def run(*words):
-    done = CliRunner().invoke(main, [str(word) for word in words])
-    assert done.exit_code == 0, done.output
-    return done.output
-
-
 RATES = {"monday": 1.0, "tuesday": 1.3}
 
 
@@ -92,7 +85,7 @@ def draft(folder: Path, write, suffix) -> Path:
     logs = [folder / f"{name}.{suffix}" for name in RATES]
     for path, rate in zip(logs, RATES.values(), strict=True):
         write(path, *recorded(rate))
-    run("init", folder / "arm.urdf", *logs, "-o", folder / "identify.yaml")
+    succeed("init", folder / "arm.urdf", *logs, "-o", folder / "identify.yaml")
     return folder / "identify.yaml"
 
 
@@ -115,13 +108,13 @@ def test_any_format_is_read_as_drafted(tmp_path: Path, write, suffix):
 
 def test_a_log_is_identified_as_drafted(tmp_path: Path):
     drafted, out = draft(tmp_path, *FORMATS["csv with dates"]), tmp_path / "out"
-    run("check", drafted)
-    run("identify", drafted, "--out", out)
+    succeed("check", drafted)
+    succeed("identify", drafted, "--out", out)
     result = json.loads((out / "result.json").read_text())
     held_out = next(x for x in result["validations"] if x["role"] == "validation")
     _, tau = recorded(1.3)
     assert held_out["errors"]["relative_error"] < 1.2 * 100 * NOISE * np.sqrt(tau.size) / np.linalg.norm(tau)
-    run("export", out / "result.json", "--format", "urdf", "--out", tmp_path / "identified.urdf")
+    succeed("export", out / "result.json", "--format", "urdf", "--out", tmp_path / "identified.urdf")
 
 
 def test_several_episodes_in_a_file_are_said(tmp_path: Path):
@@ -130,5 +123,5 @@ def test_several_episodes_in_a_file_are_said(tmp_path: Path):
     half = len(T) // 2
     rows = {"observation.state": q.tolist(), "observation.effort": tau.tolist(), "timestamp": [*T[:half], *T[:half]]}
     pl.DataFrame(rows | {"episode_index": [0] * half + [1] * half}).write_parquet(tmp_path / "all.parquet")
-    told = run("init", tmp_path / "arm.urdf", tmp_path / "all.parquet", "-o", tmp_path / "identify.yaml")
+    told = succeed("init", tmp_path / "arm.urdf", tmp_path / "all.parquet", "-o", tmp_path / "identify.yaml").output
     assert "several recordings, by 'episode_index'? Then write each to a file of its own" in told

@@ -11,11 +11,10 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
-from click.testing import CliRunner
 
-from dynident.cli import main
 from dynident.models import Model, RigidBodies, RotorInertia
 from dynident.models.friction import Coulomb, Offset, Viscous
+from tests.cli.commands import succeed
 from tests.saved_results import errors_by_log
 
 URDF = """<robot name="arm">
@@ -87,8 +86,7 @@ def identify(folder: Path, **changes: Any) -> dict[str, Any]:
         **changes,
     }
     (folder / "identify.yaml").write_text(yaml.safe_dump(settings))
-    done = CliRunner().invoke(main, ["identify", str(folder / "identify.yaml"), "--out", str(folder / "out")])
-    assert done.exit_code == 0, done.output
+    succeed("identify", folder / "identify.yaml", "--out", folder / "out")
     return json.loads((folder / "out" / "result.json").read_text())
 
 

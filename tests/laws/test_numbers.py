@@ -16,13 +16,12 @@ from typing import Any
 
 import numpy as np
 import scipy
-from click.testing import CliRunner
 from threadpoolctl import threadpool_info
 
 import dynident as dy
 from dynident.apps.article import reproduce
-from dynident.cli import main
 from dynident.runtime.kernel import kernel
+from tests.cli.commands import succeed
 from tests.laws.real_robots import identify
 
 ROOT = Path(__file__).parents[2]
@@ -45,8 +44,7 @@ def article() -> dict[str, list[float]]:
 
 
 def demo(folder: Path) -> dict[str, list[float]]:
-    done = CliRunner().invoke(main, ["demo", "--out", str(folder / "arm")])
-    assert done.exit_code == 0, done.output
+    succeed("demo", "--out", folder / "arm")
     return numbers_of(json.loads((folder / "arm" / "result" / "result.json").read_text()))
 
 

@@ -12,9 +12,7 @@ from typing import Any
 
 import pytest
 import yaml
-from click.testing import CliRunner
 
-from dynident.cli import main
 from dynident.estimators.notes import NotWhite
 from dynident.identification import Identification, judge
 from dynident.identification import identify as fit
@@ -23,6 +21,7 @@ from dynident.project.export import exports
 from dynident.project.project import read_project
 from dynident.project.saved import load
 from dynident.runtime import Severity
+from tests.cli.commands import succeed
 from tests.laws.real_robots import DATA, ROOT, configured, identify, located
 from tests.laws.test_numbers import ROBOTS, check_numbers, numbers_of
 from tests.saved_results import errors_by_log, runs_by_log
@@ -180,8 +179,7 @@ def test_emps_bound_is_what_least_squares_reaches(folder: Path) -> None:
     test_fit = fitted(folder, "emps", plain)
     reached = dict(zip(test_fit.estimate.names, test_fit.errors.std_independent, strict=True))
     file = folder / "bound.json"
-    done = CliRunner().invoke(main, ["bound", str(configured(folder, "emps", plain)), "--json", str(file)])
-    assert done.exit_code == 0, done.output
+    succeed("bound", configured(folder, "emps", plain), "--json", file)
     for case in json.loads(file.read_text())["parameters"]:
         assert case["position_share"] < 0.01
         assert case["std"]["now"] == pytest.approx(reached[case["name"]], rel=0.05), case["name"]
@@ -242,8 +240,7 @@ def check(folder: Path, example: str, *changes: tuple[str, str]) -> dict[str, se
         text = text.replace(old, new)
     path = folder / f"check-{example}.yaml"
     path.write_text(text)
-    done = CliRunner().invoke(main, ["check", str(path), "--json", str(folder / "check.json")])
-    assert done.exit_code == 0, done.output
+    succeed("check", path, "--json", folder / "check.json")
     (result,) = json.loads((folder / "check.json").read_text()).values()
     said: dict[str, set[tuple[str, str | None]]] = {"error": set(), "warning": set(), "info": set()}
     for case in result["findings"]:

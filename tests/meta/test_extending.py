@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
 
-from dynident.cli import main
 from dynident.estimators import LeastSquares, Problem
 from dynident.files.tables import DataTable, read_columns
 from dynident.identification import Recipe, identify
@@ -26,6 +24,7 @@ from dynident.regression import Regression
 from dynident.runtime import ConfigError, InputError
 from dynident.testing.estimator import multisine_motion, truth
 from dynident.validation import robust_covariance
+from tests.cli.commands import succeed
 from tests.robots import ARM
 
 PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
@@ -68,8 +67,7 @@ def slide(folder: Path, **changes) -> Path:
 def test_a_smoother_of_a_file_identifies(folder: Path) -> None:
     path = slide(folder, smoother={"kind": "sg.py:SavitzkyGolay", "width": 0.08}, time_offset="estimate")
     out = folder / "out"
-    done = CliRunner().invoke(main, ["identify", str(path), "--out", str(out)])
-    assert done.exit_code == 0, done.output
+    succeed("identify", path, "--out", out)
     result = json.loads((out / "result.json").read_text())
     assert result["recipe"]["smoother"] == {
         "kind": f"{folder / 'sg.py'}:SavitzkyGolay", "width": 0.08, "order": 4,

@@ -13,11 +13,10 @@ import polars as pl
 import pytest
 import scipy.io
 import yaml
-from click.testing import CliRunner
 from numpy.typing import NDArray
 
-from dynident.cli import main
 from dynident.project.project import read_project
+from tests.cli.commands import succeed
 from tests.files.data_sets import write_data_set
 from tests.robots import joint, link, urdf
 
@@ -194,8 +193,7 @@ def test_the_configuration_reads_the_layout(heading: str, tmp_path: Path) -> Non
 def drafted(folder: Path, model: str, *logs: str) -> tuple[str, str]:
     """What ``init`` prints, and its draft."""
     paths = [str(folder / name) for name in (model, *logs)]
-    done = CliRunner().invoke(main, ["init", *paths, "-o", str(folder / "drafted.yaml")])
-    assert done.exit_code == 0, done.output
+    done = succeed("init", *paths, "-o", folder / "drafted.yaml")
     return done.output, (folder / "drafted.yaml").read_text(encoding="utf-8")
 
 

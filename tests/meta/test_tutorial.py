@@ -24,11 +24,10 @@ from typing import Any
 from unittest.mock import patch
 
 import pytest
-from click.testing import CliRunner
 
-from dynident.cli import main
 from dynident.identification import calibration
 from dynident.project import project
+from tests.cli.commands import succeed
 from tests.laws.test_numbers import check_numbers, numbers_of
 
 ROOT = Path(__file__).parents[2]
@@ -59,9 +58,7 @@ def typed(command: str) -> str:
         os.chdir(*words)
         return ""
     if program == "dynident":
-        done = CliRunner().invoke(main, words)
-        assert done.exit_code == 0, done.output
-        return done.output
+        return succeed(*words).output
     if program == "python":
         (script,) = words
         with contextlib.redirect_stdout(io.StringIO()) as said, patch.object(sys, "path", sys.path[:]):

@@ -7,9 +7,7 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from dynident.cli import main
 from dynident.estimators import (
     GeneralisedLeastSquares,
     InstrumentalVariables,
@@ -34,6 +32,7 @@ from dynident.motion.splines import Constraint, Fixed
 from dynident.project.parts import build, schemas, unusable
 from dynident.runtime import ConfigError
 from dynident.runtime.families import ESTIMATORS, SMOOTHERS, TERMS
+from tests.cli.commands import succeed
 from tests.laws.test_models import JOINTS
 from tests.laws.test_models import TERMS as LAWFUL
 from tests.project.parts import SAVITZKY
@@ -155,7 +154,6 @@ def test_a_schema_is_made_where_an_installed_part_cannot_be_loaded():
     assert "cannot be loaded" in result["lost"]["description"]
     assert result["lost"]["properties"] == {"kind": {"const": "lost"}}
     assert len(list(unusable(SMOOTHERS))) == 3
-    done = CliRunner().invoke(main, ["schema"])
-    assert done.exit_code == 0
+    done = succeed("schema")
     assert json.loads(done.stdout)["title"] == "dynident configuration"
     assert done.stderr.count("Warning: its settings are not in the schema: ") == 3

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from dynident.files.opener import afford
+from dynident.files.scope_header import merge_stamps, scope_names
 from dynident.files.stamps import is_stamp, join_fractions, parse_stamps
 from dynident.files.tables import DataTable, nonempty_content
 from dynident.runtime import InputError
@@ -54,6 +55,8 @@ def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  
     body = _drop_title(body, len(row_cells(longest, separator)), separator)
     comments = [line for k, line in lines if k < body[0][0]]
     names, header = _find_header(body[0][1], comments, separator, body[1][1] if len(body) > 1 else "")
+    scope_columns, count = scope_names(row_cells(line, separator) for _, line in body[:MAX_TITLE_LINES])
+    names, header = (scope_columns, count) if count else (names, header)
     heads, body = body[:header], body[header:]
     if header and body and (units := unit_row(body[0][1], names, separator)) is not None:
         names, heads, body = units, [*heads, body[0]], body[1:]
@@ -69,6 +72,7 @@ def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  
     _check_rows(rows, numbers, len(names), separator, source)
     cells, names = _split_cells(rows, separator), _check_distinct(names, source)
     columns, faults, stamps = _parse_cells(cells, names, numbers, source)
+    columns = merge_stamps(columns) if count else columns
     joined_stamps = join_fractions(columns)
     columns |= joined_stamps
     faulty_cells = {name: cells.gather_every(len(names), k) for k, name in enumerate(names) if name in faults}

@@ -55,9 +55,9 @@ def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  
     body = _drop_title(body, len(row_cells(longest, separator)), separator)
     comments = [line for k, line in lines if k < body[0][0]]
     names, header = _find_header(body[0][1], comments, separator, body[1][1] if len(body) > 1 else "")
-    scope_columns, count = scope_names(row_cells(line, separator) for _, line in body[:MAX_TITLE_LINES])
-    names, header = (scope_columns, count) if count else (names, header)
-    heads, body = body[:header], body[header:]
+    scope_columns, scope_lines = scope_names(row_cells(line, separator) for _, line in body[:MAX_TITLE_LINES])
+    names, header_lines = (scope_columns, scope_lines) if scope_lines else (names, int(header))
+    heads, body = body[:header_lines], body[header_lines:]
     if header and body and (units := unit_row(body[0][1], names, separator)) is not None:
         names, heads, body = units, [*heads, body[0]], body[1:]
     # recorders that append to a file write its header again
@@ -72,7 +72,7 @@ def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  
     _check_rows(rows, numbers, len(names), separator, source)
     cells, names = _split_cells(rows, separator), _check_distinct(names, source)
     columns, faults, stamps = _parse_cells(cells, names, numbers, source)
-    columns = merge_stamps(columns) if count else columns
+    columns = merge_stamps(columns) if scope_lines else columns
     joined_stamps = join_fractions(columns)
     columns |= joined_stamps
     faulty_cells = {name: cells.gather_every(len(names), k) for k, name in enumerate(names) if name in faults}

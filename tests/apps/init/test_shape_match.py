@@ -160,9 +160,10 @@ def test_columns_that_show_nothing_are_not_matched(columns: NDArray) -> None:
 
 @pytest.mark.parametrize("unit", [1e-3, 0.1])
 def test_the_smoothest_block_has_the_positions_whatever_the_unit_of_the_others(unit: float) -> None:
-    position, _ = match_by_shape(table(unit * BLOCKS["tau"], BLOCKS["q"]), JOINTS)
-    assert position is not None
-    assert list(position.columns.values()) == [str(k) for k in range(7, 13)]
+    for q in (BLOCKS["q"], np.rad2deg(BLOCKS["q"])):  # in degrees beyond reach in rad, where the others are within it
+        position, _ = match_by_shape(table(unit * BLOCKS["tau"], q), JOINTS)
+        assert position is not None
+        assert list(position.columns.values()) == [str(k) for k in range(7, 13)]
     position, torque = match_by_shape(table(_noise(5.0), BLOCKS["q"]), JOINTS)
     assert position is not None
     assert list(position.columns.values()) == [str(k) for k in range(7, 13)]

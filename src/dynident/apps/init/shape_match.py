@@ -220,14 +220,23 @@ def _find_motion(X: Array, starts: Sequence[int], n: int, joints: Sequence[Movab
         return _MotionBlocks([a, b, *accelerations], reason, 0.0)
     # no derivative in the file: of the blocks within reach of the joints the smoothest is the position
     moving_starts = [k for k in starts if moving[k : k + n].any()]
-    # in rad and m first, then in degrees and mm
-    reachable = [k for k in moving_starts if _is_reachable(joints, X[:, k : k + n])]
-    reachable = reachable or [k for k in moving_starts if _is_reachable(joints, X[:, k : k + n], degrees=True)]
-    if not reachable:
+    roughness = {k: _roughness(X[:, k : k + n][:, moving[k : k + n]]) for k in moving_starts}
+    # in rad and m, or in degrees and mm: where these are two blocks, the one that explains another better
+    likely = set[int]()
+    for degrees in (False, True):
+        reachable = [k for k in moving_starts if _is_reachable(joints, X[:, k : k + n], degrees=degrees)]
+        likely |= {min(reachable, key=lambda start: roughness[start])} if reachable else set()
+    if not likely:
         return _MotionBlocks()
-    roughness = {k: _roughness(X[:, k : k + n][:, moving[k : k + n]]) for k in reachable}
-    k = min(roughness, key=lambda start: roughness[start])
+    k = likely.pop() if len(likely) == 1 else max(likely, key=lambda start: _explained_by(X, start, starts, n))
     return _MotionBlocks([k], "they are the smoothest within the range of the joints", roughness[k])
+
+
+def _explained_by(X: Array, start: int, starts: Sequence[int], n: int) -> float:
+    """Return the largest share of another block that a block explains as its motion."""
+    features = _torque_features(X[:, start : start + n])
+    others = (k for k in starts if _is_separate(k, [start], n))
+    return max((_explained_share(X[:, k : k + n], features) for k in others), default=0.0)
 
 
 def _is_reachable(joints: Sequence[MovableJoint], X: Array, *, degrees: bool = False) -> bool:

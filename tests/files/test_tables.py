@@ -166,6 +166,7 @@ DAMAGED = {
     "packed": ("a.csv.gz", b"\x1f\x8b", ("'.gz' cannot be read; unpack it first",)),
     "parquet": ("a.parquet", b"PAR1PAR1", ("not a readable .parquet file (ComputeError: ",)),
     "npz": ("a.npz", b"PK nothing", ("not a readable .npz file",)),
+    "npy": ("a.npy", b"x" * 20, ("not a readable .npy file",)),
     "npz cut off": ("a.npz", npz(t=np.arange(100))[:300], ("not a readable .npz file",)),
     "mat": ("a.mat", b"nothing of MATLAB" * 20, ("not a readable .mat file",)),
     "mat 7.3": ("a.mat", b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM", ("of version 7.3", "-v7")),
@@ -216,7 +217,7 @@ def reads_or_explains(path, width=None):
 
 
 @FUZZ
-@given(data=st.binary(max_size=300), kind=st.sampled_from([".csv", ".npz", ".mat", ".parquet", ".dat"]))
+@given(data=st.binary(max_size=300), kind=st.sampled_from([".csv", ".npz", ".npy", ".mat", ".parquet", ".dat"]))
 def test_any_bytes_give_a_table_or_an_explanation(tmp_path, data, kind):
     reads_or_explains(written(tmp_path, f"fuzz{kind}", data))
 
@@ -259,6 +260,10 @@ def test_without_a_column_of_time_the_far_longer_side_is_the_time(shape, tmp_pat
     table = read_columns(tmp_path / "a.npz")
     np.testing.assert_array_equal(np.stack([table.columns[f"q[{k}]"] for k in range(6)], axis=1), rows)
     assert bool(table.guesses) == (shape.index(6) < shape.index(300))
+    np.save(tmp_path / "q.npy", full)
+    alone = read_columns(tmp_path / "q.npy")
+    assert alone.guesses == table.guesses
+    assert {name: list(x) for name, x in alone.columns.items()} == {name: list(x) for name, x in table.columns.items()}
 
 
 def test_sides_of_about_one_length_are_not_guessed(tmp_path):

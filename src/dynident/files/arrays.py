@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any, BinaryIO
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
 import numpy as np
@@ -52,6 +52,7 @@ class StoredArray:
         return self.size * (self.dtype.itemsize + 8) + self.extra
 
 
+OpenArray = Callable[[], AbstractContextManager[IO[bytes]]]
 ArrayOrText = StoredArray | str  # a text describes what is no array of numbers
 
 
@@ -151,6 +152,11 @@ def _to_float64(array: NDArray[Any]) -> Array:
         return np.array(array, dtype=np.float64)
 
 
+def read_npy(path: Path, needed: Collection[str] | None = None) -> DataTable:
+    """Read a NumPy array, whose columns have the name of the file."""
+    return read_arrays({path.stem: _stored_array(partial(open_nonempty, path))}, needed, path)
+
+
 def read_npz(path: Path, needed: Collection[str] | None = None) -> DataTable:
     """Read a NumPy archive."""
     with open_nonempty(path) as file, open_npz(file) as arrays:
@@ -176,19 +182,24 @@ def _stored_member(archive: ZipFile, member: ZipInfo) -> ArrayOrText:
         return "what numpy.savez does not write"
     if not member.filename.endswith(".npy"):
         return "what is no array"
-    with archive.open(member) as data:
+    return _stored_array(partial(archive.open, member))
+
+
+def _stored_array(open_array: OpenArray) -> ArrayOrText:
+    """Return the array of a stream that ``open_array`` opens, of which only the header is read now."""
+    with open_array() as data:
         if (version := npy.read_magic(data)) not in _HEADERS:
             raise ValueError(f"an array of version {version}")
         shape, _, dtype = _HEADERS[version](data)
     if dtype.hasobject:
         return "Python objects, which are not read"
-    return StoredArray(tuple(map(int, shape)), dtype, partial(_read_member, archive, member))
+    return StoredArray(tuple(map(int, shape)), dtype, partial(_read_array, open_array))
 
 
-def _read_member(archive: ZipFile, member: ZipInfo) -> NDArray[Any]:
+def _read_array(open_array: OpenArray) -> NDArray[Any]:
     """Read an array: exactly as many bytes as its header says."""
-    with archive.open(member) as data:
+    with open_array() as data:
         values = npy.read_array(data, allow_pickle=False)
         if data.read(1):
-            raise ValueError(f"the array {member.filename!r} is not of the size that its header says")
+            raise ValueError("an array is not of the size that its header says")
     return values

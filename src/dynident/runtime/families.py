@@ -281,6 +281,7 @@ READERS = PartFamily(
     {
         **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".log"), "dynident.files.text:read_text"),
         ".parquet": "dynident.files.parquet:read_parquet",
+        ".npy": "dynident.files.arrays:read_npy",
         ".npz": "dynident.files.arrays:read_npz",
         ".mat": "dynident.files.matlab:read_mat",
         **dict.fromkeys((".h5", ".hdf5"), "dynident.files.matlab:read_hdf5"),

@@ -295,9 +295,9 @@ def _channel_line(name: str, signal: ChannelProposal) -> str:
 
 def _write_unused(page: _Page, mapping: ColumnMapping, table: DataTable) -> None:
     """List the unused columns, those that differ in a number as one, and the scalars that may be gains."""
-    used = next((x.column for x in mapping.position.values() if x.column), next(iter(table.columns)))
+    rows = {len(table.columns[channel.column]) for channel in mapping.position.values() if channel.column}
     others = dict.fromkeys(
-        re.sub(r"\d+", "#", x) for x in table.columns if len(table.columns[x]) != len(table.columns[used])
+        re.sub(r"\d+", "#", name) for name, x in table.columns.items() if rows and len(x) not in rows
     )
     if others:
         page.line(f"# of another length, so in a file of its own to use it: {join_names(map(repr, list(others)))}")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -58,6 +60,8 @@ def test_a_friction_that_is_missing_at_reversals_is_reported() -> None:
     assert test.reversal_share > 0.8
     assert test.slow_share < 0.05
     assert test.causes[0] == Reversals()
+    for share, slow, is_said in ((0.14, 0.01, False), (0.3, 0.16, False), (0.3, 0.14, True)):
+        assert (Reversals() in replace(test, reversal_share=share, slow_share=slow).causes) is is_said
 
 
 def test_a_friction_of_another_level_is_reported() -> None:

@@ -14,31 +14,19 @@ from dynident.estimators.estimator import (
 )
 from dynident.estimators.generalised_least_squares import GeneralisedLeastSquares, WeightedLeastSquares
 from dynident.estimators.instrumental_variables import InstrumentalVariables
-from dynident.estimators.least_squares import (
-    LeastSquares,
-    LinearEstimator,
-    LinearFit,
-    estimate_of,
-    fit_from_information,
-)
+from dynident.estimators.least_squares import LeastSquares, LinearEstimator, LinearFit
 from dynident.estimators.output_error import Didim, OutputError
 from dynident.estimators.physical_constraints import (
-    NONNEGATIVE_ROLES,
     BodyConstraint,
-    Bounds,
     Constraints,
-    Corners,
     Limit,
     PsdConstraint,
     bodies_of,
     centre_of_mass_limit,
     estimate_sizes,
     interval_limit,
-    mass_constraints,
     parameter_scales,
-    physical_constraints,
     sign_limits,
-    total_mass_limit,
 )
 from dynident.estimators.physically_consistent import PhysicallyConsistent
 from dynident.estimators.ridge import Ridge

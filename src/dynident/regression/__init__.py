@@ -13,7 +13,6 @@ from dynident.regression.groups import (
     MAX_REPEAT_DIFFERENCE,
     GroupKind,
     ParameterGroup,
-    Repeat,
     evidence,
     groups_of,
     independent_columns,

@@ -1,12 +1,11 @@
 """How well a model predicts: torque errors, tests of residuals, robust standard errors, free simulations."""
 
 from dynident.validation.coloured_fit import ColouredFit, correlated_std
-from dynident.validation.free_run import Driver, FreeRun, RunSignals, free_run
+from dynident.validation.free_run import Driver, FreeRun, free_run
 from dynident.validation.noise_floor import AT_FLOOR, FloorOrigin, NoiseFloor, causes_text, with_floors
 from dynident.validation.prediction import (
     SEED,
     LogValidation,
-    Role,
     Signals,
     TorqueErrors,
     check_mass,
@@ -17,7 +16,6 @@ from dynident.validation.prediction import (
     validate,
 )
 from dynident.validation.residuals import (
-    LOW_FREQUENCY,
     MAX_LOST_ACCELERATION,
     SLOW_SPEED_SHARE,
     Cause,
@@ -26,7 +24,6 @@ from dynident.validation.residuals import (
     HighFrequency,
     LowFrequency,
     ResidualRipple,
-    ResidualTest,
     Reversals,
     SmoothedAway,
     decorrelation,

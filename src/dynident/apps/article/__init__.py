@@ -7,12 +7,10 @@ from dynident.apps.article.article import (
     SCENARIOS,
     ArmScenario,
     Reproduction,
-    Row,
     SmoothAndFit,
     StudyCase,
     method_of,
     reproduce,
 )
-from dynident.apps.article.figures import efficiency_figure, spread_figure, trace_figure
 from dynident.apps.article.report import findings, study_page, study_tables, study_text
 from dynident.apps.article.study import FitOutcome, Method, Scenario, Statistics, run_study, statistics

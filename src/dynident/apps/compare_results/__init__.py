@@ -9,4 +9,3 @@ from dynident.apps.compare_results.comparison import (
     ResultComparison,
     compare_results,
 )
-from dynident.apps.compare_results.report import difference_figure

@@ -12,13 +12,5 @@ from dynident.apps.payload.body import (
     SameRecording,
     mount_of,
 )
-from dynident.apps.payload.estimate import (
-    ArmEvidence,
-    DriveGains,
-    ErrorSource,
-    PayloadRequest,
-    PayloadSolution,
-    solve_payload,
-)
+from dynident.apps.payload.estimate import ArmEvidence, DriveGains, ErrorSource, PayloadRequest
 from dynident.apps.payload.payload import LoadedLog, Payload, find_payload
-from dynident.apps.payload.report import payload_figure

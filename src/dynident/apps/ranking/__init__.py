@@ -2,12 +2,5 @@
 
 from dynident.apps.ranking.config import Candidate, Combination
 from dynident.apps.ranking.page import cost_figure, ranking_figure
-from dynident.apps.ranking.ranking import (
-    CombinationOutcome,
-    InapplicablePart,
-    RankedCombination,
-    Ranking,
-    TruthFigures,
-    geometric_mean,
-)
-from dynident.apps.ranking.run import FILES, NUMBERS, REPORT, TABLE, compare
+from dynident.apps.ranking.ranking import CombinationOutcome, InapplicablePart, RankedCombination, Ranking, TruthFigures
+from dynident.apps.ranking.run import FILES, compare

@@ -4,12 +4,4 @@ from dynident.models.simulation.controllers import PD, PID, CascadePD, Differenc
 from dynident.models.simulation.recording import Recording, record, simulate, simulate_many
 from dynident.models.simulation.run import SimulatedRecording, Ticks, longest_stretch, simulate_recording, ticks
 from dynident.models.simulation.sensitivity import Sensitivity, sensitivities
-from dynident.models.simulation.trace import (
-    Broken,
-    ControllerInput,
-    ControllerSlopes,
-    Failure,
-    HasSlopes,
-    RunsAway,
-    Singular,
-)
+from dynident.models.simulation.trace import Broken, ControllerInput, ControllerSlopes, Failure, RunsAway, Singular

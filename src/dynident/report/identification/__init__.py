@@ -1,8 +1,3 @@
 """The report of an identification, one file for each part of its page."""
 
-from dynident.report.identification.report import (
-    identification_notes,
-    identification_page,
-    identification_tables,
-    result_words,
-)
+from dynident.report.identification.report import identification_notes, identification_page, identification_tables

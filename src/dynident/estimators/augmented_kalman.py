@@ -19,7 +19,7 @@ from dynident.estimators.augmented_kalman_steps import (
     smooth_model,
 )
 from dynident.estimators.estimator import Estimate, Estimator, Problem
-from dynident.estimators.least_squares import LeastSquares, estimate_of, fit_from_information
+from dynident.estimators.least_squares import LeastSquares, LinearFit
 from dynident.estimators.maximum_likelihood.plan import misfit
 from dynident.estimators.notes import SmoothSigns, StartedElsewhere, StillMoving
 from dynident.estimators.physical_constraints import bodies_of
@@ -116,8 +116,8 @@ class AugmentedKalman(Estimator):
             origin = run.with_invertible_mass(origin, theta, information)
         notes = (*run.notes, *([StillMoving(self.passes, step_size)] if step_size >= CONVERGED_STEP else []))
         rank, total = run.directions, problem.regression.triangular_factors.total
-        fit = fit_from_information(theta, information, rank, total, notes)
-        return estimate_of(problem, replace(fit, weights=start.residual.weights))
+        fit = LinearFit.from_information(theta, information, rank, total, notes)
+        return replace(fit, weights=start.residual.weights).estimate(problem)
 
     def _begin_run(self, problem: Problem, start: Estimate) -> _KalmanRun:
         """Return the run from a start, or from an alternative first model where the start has no mass matrix."""
@@ -212,7 +212,7 @@ class _KalmanRun(Noun):
             return theta
         if bodies_of(self.problem.model.parameters):
             total = self.problem.regression.triangular_factors.total
-            rows = fit_from_information(theta, information, self.directions, total, ())
+            rows = LinearFit.from_information(theta, information, self.directions, total, ())
             theta = PhysicallyConsistent(costs=False).constrain(self.problem, rows).value
         # halve the step until no direction of motion becomes much lighter than at the origin
         share = 1.0

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dynident.estimators.notes import DecidedByPrior, NotIdentifiable, Unsettled
 from dynident.models import Model, Parameter
-from dynident.motion.log import Log, Motion
+from dynident.motion.log import Controller, Log, Motion
 from dynident.regression import Rank, Regression, TriangularFactors, Whitening
 from dynident.runtime import (
     OMITTED,
@@ -56,6 +56,17 @@ class Problem(KeepsFacts, Noun):
     regression: Regression
     logs: tuple[Log, ...] = ()
     time_offset: float = 0.0
+
+    def log(self, k: int) -> Log | None:
+        """Return the log behind the k-th motion, None where there is none."""
+        if len(self.logs) != len(self.motions) or len(self.logs[k]) != len(self.motions[k]):
+            return None
+        return self.logs[k]
+
+    def controller(self, k: int) -> Controller | None:
+        """Return the controller of the k-th recording, None where it has none."""
+        log = self.log(k)
+        return None if log is None else log.controller
 
 
 class DataRank(Noun):

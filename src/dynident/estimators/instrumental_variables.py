@@ -23,21 +23,9 @@ from dynident.estimators.instruments import (
     repeated_instruments,
     simulated_instruments,
 )
-from dynident.estimators.least_squares import (
-    MAX_ITERATIONS,
-    LinearFit,
-    SampledEstimator,
-    fit_from_information,
-    rows_by_joint,
-)
+from dynident.estimators.least_squares import MAX_ITERATIONS, LinearFit, SampledEstimator, rows_by_joint
 from dynident.estimators.notes import StartedElsewhere, StillMoving
-from dynident.estimators.simulated_recordings import (
-    controller_of,
-    find_first_model,
-    log_of,
-    no_controller_error,
-    not_simulated_error,
-)
+from dynident.estimators.simulated_recordings import find_first_model, no_controller_error, not_simulated_error
 from dynident.models.simulation import Failure
 from dynident.motion.log import Motion
 from dynident.regression import Regression
@@ -98,7 +86,7 @@ class InstrumentalRun:
     def choose_instruments(self, k: int) -> Instruments | None:
         """Return the instruments of the k-th recording, None where they are to be simulated."""
         problem, motion = self.problem, self.problem.motions[k]
-        if self.source in ("auto", "simulated") and controller_of(problem, k) is not None:
+        if self.source in ("auto", "simulated") and problem.controller(k) is not None:
             return None
         if self.source == "simulated":
             raise no_controller_error(motion, "instruments are", "leave `instruments` at auto")
@@ -116,9 +104,7 @@ class InstrumentalRun:
                 "or a motion that repeats itself, and there is none. Record it twice, or leave `instruments` at auto."
             )
             raise MissingInputError(message)
-        return lagged_instruments(
-            problem.model, motion, log_of(problem, k), problem.regression.filter, self.settings.lag
-        )
+        return lagged_instruments(problem.model, motion, problem.log(k), problem.regression.filter, self.settings.lag)
 
     def first_instruments(self, instruments: Sequence[Instruments | None]) -> list[Instruments]:
         """Return the first instruments of all recordings.
@@ -168,7 +154,7 @@ class InstrumentalRun:
     ) -> LinearFit:
         """Return the fit with its information and notes."""
         information, independent = score_information(moments, *regressions, instruments, self.plain.directions)
-        fit = fit_from_information(moments.value, information, self.plain.directions, int(moments.rows.sum()), ())
+        fit = LinearFit.from_information(moments.value, information, self.plain.directions, int(moments.rows.sum()), ())
         weakest, names = moments.strength(independent), self.problem.model.names
         # name the parameter with the largest part in the weakest direction
         if weakest.statistic < MIN_F_STATISTIC:

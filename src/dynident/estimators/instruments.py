@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.estimators.estimator import Problem
-from dynident.estimators.simulated_recordings import controller_of, failure_of
+from dynident.estimators.simulated_recordings import failure_of
 from dynident.models import Model
 from dynident.models.simulation import Failure, simulate_recording, ticks
 from dynident.motion.filters import frequency_response
@@ -124,7 +124,7 @@ def simulated_instruments(problem: Problem, k: int, theta: Array) -> Instruments
     if len(usable) < 2:
         raise InputError(f"{motion.source}: too few usable samples to simulate instruments.")
     rows = slice(int(usable[0]), int(usable[-1]) + 1)
-    controller = controller_of(problem, k)
+    controller = problem.controller(k)
     # references may be known more often than samples: simulate on the finer grid
     grid = ticks(stamped, controller, rows)
     run = simulate_recording(model, theta, grid.motion, controller, rows=grid.rows)

@@ -1,6 +1,6 @@
 """Ordinary least squares, eq. (11), from a triangular factor; what all estimators share that are linear.
 
-A ``LinearEstimator`` reduces its rows to a ``LinearFit``, of which ``estimate_of`` makes the estimate.
+A ``LinearEstimator`` reduces its rows to a ``LinearFit``, whose ``estimate`` is that without constraints.
 """
 
 from __future__ import annotations
@@ -78,6 +78,25 @@ class LinearFit(Noun):
     plain: LinearFit | None = None
     value: Array | None = None
 
+    @classmethod
+    def from_information(
+        cls, value: Array, information: Array, directions: Rank, total: int, notes: tuple[Note, ...]
+    ) -> LinearFit:
+        """Return a fit with the solution ``value`` (p) and the inverse covariance ``information`` (p, p).
+
+        ``directions`` are those that the data determine, such as the rank of the regressor, ``total`` the number of
+        rows behind them. For estimators that are linear but no least squares of rows, such as instrumental variables.
+        """
+        rank = directions.with_information(information)
+        p, r = len(value), rank.rank
+        # rows whose normal equations are the information, so that constraints can be added as to any fit
+        factor = np.zeros((p + 1, p + 1))
+        factor[:r, :p] = rank.values[:r, None] * rank.vectors[:, :r].T * rank.scale
+        factor[:p, p] = factor[:p, :p] @ value
+        factor[p, p] = np.sqrt(max(total - r, 1))  # so that the variance of a row is one
+        factor_rank = Rank(r, rank.scale, rank.values, np.eye(p), rank.vectors, rank.tolerance, rank.unweighted)
+        return cls(factor, factor_rank, total, information=information, notes=notes)
+
     @property
     def solution(self) -> LeastSquaresSolution:
         """The solution without constraints."""
@@ -101,6 +120,19 @@ class LinearFit(Noun):
         sigma = rms if self.sigma is None else self.sigma
         return Residual(sigma, triangular.samples, *weighting, whitening=self.whitening, correlated=self.correlated)
 
+    def estimate(self, problem: Problem) -> Estimate:
+        """Return the estimate without constraints, (X' X)^-1 X' y, and s^2 (X' X)^-1, eq. (11)."""
+        value = self.solution.value if self.value is None else self.value
+        return Estimate(
+            parameters=problem.model.parameters,
+            value=value,
+            covariance=self.covariance,
+            determined=DataRank(self.directions.rank, self.directions.condition, self.directions),
+            residual=self.residual(problem, value),
+            notes=(*_rank_notes(self.directions, problem.model.names), *self.notes),
+            information=self.information,
+        )
+
 
 class LinearEstimator(Estimator):
     """Base of the estimators that are linear in the parameters: constraints can be put on their rows."""
@@ -115,7 +147,7 @@ class LinearEstimator(Estimator):
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate without constraints; for a deficient rank a note names the parameters that are tied together."""
-        return estimate_of(problem, self.rows(problem))
+        return self.rows(problem).estimate(problem)
 
 
 class SampledEstimator(LinearEstimator):
@@ -126,39 +158,6 @@ class SampledEstimator(LinearEstimator):
     def quick(self) -> LeastSquares:
         """Return least squares with one weight for each joint."""
         return LeastSquares(weights="per_joint")
-
-
-def estimate_of(problem: Problem, fit: LinearFit) -> Estimate:
-    """Return the estimate without constraints, (X' X)^-1 X' y, and s^2 (X' X)^-1, eq. (11)."""
-    value = fit.solution.value if fit.value is None else fit.value
-    return Estimate(
-        parameters=problem.model.parameters,
-        value=value,
-        covariance=fit.covariance,
-        determined=DataRank(fit.directions.rank, fit.directions.condition, fit.directions),
-        residual=fit.residual(problem, value),
-        notes=(*_rank_notes(fit.directions, problem.model.names), *fit.notes),
-        information=fit.information,
-    )
-
-
-def fit_from_information(
-    value: Array, information: Array, directions: Rank, total: int, notes: tuple[Note, ...]
-) -> LinearFit:
-    """Return a fit with the solution ``value`` (p) and the inverse covariance ``information`` (p, p).
-
-    ``directions`` are those that the data determine, such as the rank of the regressor, ``total`` the number of
-    rows behind them. For estimators that are linear but no least squares of rows, such as instrumental variables.
-    """
-    rank = directions.with_information(information)
-    p, r = len(value), rank.rank
-    # rows whose normal equations are the information, so that constraints can be added as to any fit
-    factor = np.zeros((p + 1, p + 1))
-    factor[:r, :p] = rank.values[:r, None] * rank.vectors[:, :r].T * rank.scale
-    factor[:p, p] = factor[:p, :p] @ value
-    factor[p, p] = np.sqrt(max(total - r, 1))  # so that the variance of a row is one
-    factor_rank = Rank(r, rank.scale, rank.values, np.eye(p), rank.vectors, rank.tolerance, rank.unweighted)
-    return LinearFit(factor, factor_rank, total, information=information, notes=notes)
 
 
 def _rank_notes(rank: Rank, names: tuple[str, ...]) -> tuple[Note, ...]:

@@ -10,22 +10,9 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Gt, Le
 
 from dynident.estimators.estimator import Problem
-from dynident.estimators.least_squares import (
-    MAX_ITERATIONS,
-    LinearFit,
-    SampledEstimator,
-    fit_from_information,
-    rows_by_joint,
-)
+from dynident.estimators.least_squares import MAX_ITERATIONS, LinearFit, SampledEstimator, rows_by_joint
 from dynident.estimators.output_error_descent import Descent
-from dynident.estimators.simulated_recordings import (
-    Shots,
-    controller_of,
-    log_of,
-    loop_shots,
-    no_controller_error,
-    open_shots,
-)
+from dynident.estimators.simulated_recordings import Shots, loop_shots, no_controller_error, open_shots
 from dynident.runtime import MEMORY_VARIABLE, InputError, MissingInputError, format_bytes, memory_budget, settings_text
 
 BYTES_PER_DERIVATIVE = 20  # for each sample, joint and direction: the derivatives, and what the starts leave of them
@@ -54,7 +41,7 @@ class SimulatingEstimator(SampledEstimator):
         descent = Descent(problem, basis, self.iterations).fit(plain.solution.value, shots)
         to_basis = rank.values[:r, None] * rank.vectors[:, :r].T * rank.scale
         information = to_basis.T @ descent.information @ to_basis
-        fit = fit_from_information(descent.value, information, rank, descent.samples, descent.notes)
+        fit = LinearFit.from_information(descent.value, information, rank, descent.samples, descent.notes)
         return replace(fit, value=descent.value, weights=plain.weights, correlated=True)
 
 
@@ -122,7 +109,7 @@ class Didim(SimulatingEstimator):
     def shots(self, problem: Problem) -> Iterator[Shots]:
         """Yield the recordings in their loops, with the torque as output."""
         for k, motion in enumerate(problem.motions):
-            controller = controller_of(problem, k)
+            controller = problem.controller(k)
             if controller is None:
                 raise no_controller_error(motion, "the closed loop is", "use an estimator that simulates nothing")
             yield loop_shots(problem, k, controller, "tau")
@@ -179,7 +166,7 @@ class OutputError(SimulatingEstimator):
 
     def shots(self, problem: Problem) -> Iterator[Shots]:
         """Yield the recordings in their loops, or their segments, with the positions as output."""
-        controllers = [controller_of(problem, k) for k in range(len(problem.motions))]
+        controllers = [problem.controller(k) for k in range(len(problem.motions))]
         if self.loop == "closed" and None in controllers:
             raise no_controller_error(
                 problem.motions[controllers.index(None)], "the closed loop is", "leave `loop` at auto"
@@ -195,7 +182,7 @@ class OutputError(SimulatingEstimator):
         """Return the segments of the k-th recording, driven by its torque."""
         if self.torque == "measured":
             return open_shots(problem, k, self.segment or MEASURED_SEGMENT)
-        log = log_of(problem, k)
+        log = problem.log(k)
         if log is None or log.command is None:
             raise MissingInputError(
                 f"{problem.motions[k].source}: the commanded torque is to drive the model, and the recording does not "

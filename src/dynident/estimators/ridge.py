@@ -18,14 +18,7 @@ from dynident.estimators.estimator import (
     prior_notes,
     prior_values,
 )
-from dynident.estimators.least_squares import (
-    LeastSquares,
-    LinearEstimator,
-    LinearFit,
-    estimate_of,
-    joint_weights,
-    weight_joints,
-)
+from dynident.estimators.least_squares import LeastSquares, LinearEstimator, LinearFit, joint_weights, weight_joints
 from dynident.estimators.notes import DrawnToPrior
 from dynident.estimators.physical_constraints import bodies_of, estimate_sizes, parameter_scales
 from dynident.estimators.programs import Information, add_prior, information_from_factor, nearest_to_prior
@@ -98,7 +91,7 @@ class Ridge(LinearEstimator):
         value = nearest_to_prior(posterior, posterior.base, np.where(np.isnan(prior), 0.0, prior))
         # the shift by the prior may be an error, and widens the covariance; where the prior alone decides it is none
         shift = np.where(undetermined, 0.0, value - information.base)
-        estimate = estimate_of(problem, fit)
+        estimate = fit.estimate(problem)
         order = (Provenance.DATA, Provenance.PRIOR, Provenance.UNIDENTIFIABLE)
         provenance = tuple(order[k] for k in np.select([~undetermined, ~np.isnan(prior)], [0, 1], 2))
         return replace(

@@ -26,7 +26,7 @@ from dynident.models.simulation import (
     simulate_recording,
     ticks,
 )
-from dynident.motion.log import Controller, Log, Motion
+from dynident.motion.log import Controller, Motion
 from dynident.motion.smoothers import KalmanSmoother, Smoother
 from dynident.motion.splines import stretches
 from dynident.regression import fitted_rows
@@ -35,19 +35,6 @@ from dynident.runtime.arrays import Array
 
 # times the range of the recorded motion; of the widest range, what counts as that of a joint
 MAX_DISTANCE, MIN_RANGE_SHARE = 30.0, 0.1
-
-
-def log_of(problem: Problem, k: int) -> Log | None:
-    """Return the log behind the k-th motion of a problem, None where the problem has none."""
-    if len(problem.logs) != len(problem.motions) or len(problem.logs[k]) != len(problem.motions[k]):
-        return None
-    return problem.logs[k]
-
-
-def controller_of(problem: Problem, k: int) -> Controller | None:
-    """Return the controller of the k-th recording, None where it has none."""
-    log = log_of(problem, k)
-    return None if log is None else log.controller
 
 
 def no_controller_error(motion: Motion, purpose: str, instead: str) -> MissingInputError:
@@ -98,7 +85,7 @@ def fit_resmoothed(problem: Problem, smoother: Smoother) -> Array:
 
 def _smooth_motion(problem: Problem, k: int, smoother: Smoother) -> Motion:
     """Return the k-th motion, smoothed anew where its log is known; unused samples do not count."""
-    motion, log = problem.motions[k], log_of(problem, k)
+    motion, log = problem.motions[k], problem.log(k)
     if log is None:
         return motion
     stamped = motion.shift(-motion.time_offset)
@@ -323,7 +310,7 @@ def _refine_grid(shots: Shots) -> Shots:
 
 def _measured_positions(problem: Problem, k: int, motion: Motion) -> Array:
     """Return the positions (N, n) as measured, or those of the motion without a log."""
-    log = log_of(problem, k)
+    log = problem.log(k)
     return motion.q if log is None else log.q
 
 

@@ -10,13 +10,7 @@ import numpy as np
 from annotated_types import Gt, Le
 
 from dynident.estimators.estimator import Problem, check_parameters
-from dynident.estimators.least_squares import (
-    LeastSquares,
-    LinearEstimator,
-    LinearFit,
-    fit_from_information,
-    rows_by_joint,
-)
+from dynident.estimators.least_squares import LeastSquares, LinearEstimator, LinearFit, rows_by_joint
 from dynident.estimators.notes import ErrorsInRegressor
 from dynident.motion.log import Log, Motion
 from dynident.motion.splines import steady_noise
@@ -174,7 +168,8 @@ class TotalLeastSquares(LinearEstimator):
         solution = _solve_total(plain.factor, C, rank, plain.total, torque)
         parameter = problem.model.names[int(np.abs(solution.direction).argmax())]
         notes = (ErrorsInRegressor(parameter, 100.0 * solution.share),) if solution.share > MAX_ERROR_SHARE else ()
-        return replace(fit_from_information(solution.value, solution.information, rank, plain.total, notes), weights=w)
+        fit = LinearFit.from_information(solution.value, solution.information, rank, plain.total, notes)
+        return replace(fit, weights=w)
 
     def _error_covariance(self, problem: Problem, w: Array) -> Array:
         """Return C (p, p), the sum of the covariances of the errors of all rows, weighted by joint (n)."""

@@ -63,7 +63,6 @@ def test_a_loop_gives_back_what_it_made_from_any_sample_on() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_are_those_of_the_law(kind: str) -> None:
     from dynident.models.simulation import ControllerInput
-    from dynident.models.simulation.trace import controller_slopes
 
     drive = loop(kind, MOTION, 1.5)
     rng = np.random.default_rng(0)
@@ -84,7 +83,7 @@ def test_derivatives_are_those_of_the_law(kind: str) -> None:
     class Remembering(Plain):
         begin, advance = getattr(drive, "begin", None), getattr(drive, "advance", None)
 
-    given, about = controller_slopes(drive, seen), controller_slopes(Remembering() if m else Plain(), seen)
+    given, about = seen.slopes_of(drive), seen.slopes_of(Remembering() if m else Plain())
     for name in ("tau", "state"):
         for case, two in zip(getattr(given, name), getattr(about, name), strict=True):
             np.testing.assert_allclose(case, two, atol=1e-6)

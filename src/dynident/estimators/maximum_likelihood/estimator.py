@@ -15,13 +15,7 @@ from dynident.estimators.cone import nearest_feasible
 from dynident.estimators.estimator import Consistency, DataRank, Estimate, Estimator, Problem, Provenance, Residual
 from dynident.estimators.least_squares import LeastSquares, weight_joints
 from dynident.estimators.maximum_likelihood.newton import LikelihoodFit, NewtonSettings
-from dynident.estimators.maximum_likelihood.plan import (
-    estimate_noise,
-    has_sign,
-    misfit,
-    recordings,
-    whiteness_probability,
-)
+from dynident.estimators.maximum_likelihood.plan import estimate_noise, misfit, recordings, whiteness_probability
 from dynident.estimators.maximum_likelihood.search import LikelihoodSearch
 from dynident.estimators.maximum_likelihood.segment import Sigma
 from dynident.estimators.notes import (
@@ -177,7 +171,7 @@ class _LikelihoodRun:
         search, settings = self.search, self.settings
         rest = settings.start != "free"
         search.choose_knots(settings.spacing, from_rest=rest, condense=settings.huber is None)
-        if has_sign(search.model) and (widths := search.smooth_signs()):
+        if widths := search.smooth_signs():
             self.notes.append(SmoothSigns(widths))
         fit = search.run(hold=2, loose=FIRST_ROUND_FACTOR if settings.rounds > 1 else 1.0)
         # each round estimates the noise from the last fit, and fits again with it

@@ -15,6 +15,7 @@ from dynident.estimators.maximum_likelihood.newton import LikelihoodFit, NewtonS
 from dynident.estimators.maximum_likelihood.plan import (
     Recordings,
     crossing,
+    has_sign,
     plan_segment,
     sweep_intervals,
     whiteness_probability,
@@ -164,6 +165,8 @@ class LikelihoodSearch:
 
     def smooth_signs(self) -> tuple[float, ...]:
         """Smooth the sign over the uncertainty of the velocities; return the widths if many samples are affected."""
+        if not has_sign(self.model):
+            return ()
         resolutions = [
             segment.resolution(self.sigma.q, self.recordings.usual_acceleration) for segment in self.segments
         ]

@@ -14,14 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dynident.models.simulation.steps import ScalarLaw
-from dynident.models.simulation.trace import (
-    ControllerInput,
-    ControllerSlopes,
-    controller_slopes,
-    diagonal,
-    drive_times,
-    sample_gaps,
-)
+from dynident.models.simulation.trace import ControllerInput, ControllerSlopes, diagonal, drive_times, sample_gaps
 from dynident.motion.log import Controller, HasState
 from dynident.runtime import ConfigError, InputError, ModelError, Noun
 from dynident.runtime.arrays import Array
@@ -348,7 +341,7 @@ class DifferencingLoop(Noun, LoopWrapper):
         count = (self.steps - 1) * n
         history, inner = np.split(inputs.state, [count], axis=1)
         rate = (inputs.dq + history.reshape(rows, -1, n).sum(axis=1)) / self.steps
-        loop_slopes = controller_slopes(self.loop, replace(inputs, dq=rate, state=inner))
+        loop_slopes = replace(inputs, dq=rate, state=inner).slopes_of(self.loop)
         # dq and each remembered difference have an equal share of the velocity
         shared_slopes = ((by_q, by_dq / self.steps, by_z) for by_q, by_dq, by_z in (loop_slopes.tau, loop_slopes.state))
         tau, inner_state = (

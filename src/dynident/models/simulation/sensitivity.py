@@ -17,14 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.models.evaluation import kinds_that_remember
 from dynident.models.model import Model
 from dynident.models.simulation.run import SimulatedRecording
-from dynident.models.simulation.trace import (
-    DIFFERENCE_STEP,
-    ControllerInput,
-    Machine,
-    Trace,
-    controller_slopes,
-    sample_gaps,
-)
+from dynident.models.simulation.trace import DIFFERENCE_STEP, ControllerInput, Machine, Trace, sample_gaps
 from dynident.motion.log import Controller, HasState
 from dynident.runtime import InputError, ModelError, Noun
 from dynident.runtime.arrays import Array
@@ -93,7 +86,7 @@ class _SampleUpdate:
             # the velocity that the controller saw: backward differences of positions
             before = np.vstack((run.q[:1] - gaps[0] * run.dq[:1], run.q[:-1]))
             rate = (run.q - before) / gaps[:, None]
-            self.slopes = controller_slopes(controller, ControllerInput(run.t, gaps, run.q, rate, states))
+            self.slopes = ControllerInput(run.t, gaps, run.q, rate, states).slopes_of(controller)
             self.gaps = gaps[:, None, None]
 
     @property

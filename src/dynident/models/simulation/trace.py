@@ -139,6 +139,28 @@ class ControllerInput(Noun):
     dq: Array
     state: Array
 
+    def slopes_of(self, controller: Controller) -> ControllerSlopes:
+        """Return the derivatives of a controller, by central differences where it does not know them."""
+        if isinstance(controller, HasSlopes):
+            return controller.slopes(self)
+        n, rows = self.q.shape[1], np.hstack((self.q, self.dq, self.state))
+        out = np.empty((len(rows), n + self.state.shape[1], rows.shape[1]))
+        for k, (t, h, row) in enumerate(zip(self.t.tolist(), self.h.tolist(), rows, strict=True)):
+            # central differences, one input after the other
+            for j, value in enumerate(row.tolist()):
+                step, ends = DIFFERENCE_STEP * max(abs(value), 1.0), list[Array]()
+                for displacement in (step, -step):
+                    displaced = row.copy()
+                    displaced[j] += displacement
+                    q, dq, state = np.split(displaced, [n, 2 * n])
+                    if isinstance(controller, HasState):
+                        ends.append(np.concatenate(controller.advance(t, h, q, dq, state)))
+                    else:
+                        ends.append(controller(t, q, dq))
+                out[k, :, j] = (ends[0] - ends[1]) / (2 * step)
+        by_tau, by_state = (np.split(part, [n, 2 * n], axis=2) for part in np.split(out, [n], axis=1))
+        return ControllerSlopes((by_tau[0], by_tau[1], by_tau[2]), (by_state[0], by_state[1], by_state[2]))
+
 
 class ControllerSlopes(Noun):
     """Derivatives of a controller's torque (K, n, .) and next state (K, m, .) at K samples by q, dq and the state."""
@@ -153,29 +175,6 @@ class HasSlopes(Protocol):
 
     def slopes(self, inputs: ControllerInput, /) -> ControllerSlopes:
         """Return the derivatives at the inputs."""
-
-
-def controller_slopes(controller: Controller, inputs: ControllerInput) -> ControllerSlopes:
-    """Return the derivatives of a controller, by central differences where it does not know them."""
-    if isinstance(controller, HasSlopes):
-        return controller.slopes(inputs)
-    n, rows = inputs.q.shape[1], np.hstack((inputs.q, inputs.dq, inputs.state))
-    out = np.empty((len(rows), n + inputs.state.shape[1], rows.shape[1]))
-    for k, (t, h, row) in enumerate(zip(inputs.t.tolist(), inputs.h.tolist(), rows, strict=True)):
-        # central differences, one input after the other
-        for j, value in enumerate(row.tolist()):
-            step, ends = DIFFERENCE_STEP * max(abs(value), 1.0), list[Array]()
-            for displacement in (step, -step):
-                displaced = row.copy()
-                displaced[j] += displacement
-                q, dq, state = np.split(displaced, [n, 2 * n])
-                if isinstance(controller, HasState):
-                    ends.append(np.concatenate(controller.advance(t, h, q, dq, state)))
-                else:
-                    ends.append(controller(t, q, dq))
-            out[k, :, j] = (ends[0] - ends[1]) / (2 * step)
-    by_tau, by_state = (np.split(part, [n, 2 * n], axis=2) for part in np.split(out, [n], axis=1))
-    return ControllerSlopes((by_tau[0], by_tau[1], by_tau[2]), (by_state[0], by_state[1], by_state[2]))
 
 
 def diagonal(entries: Array) -> Array:

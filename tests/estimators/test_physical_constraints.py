@@ -34,8 +34,7 @@ def test_the_size_of_a_body_is_nominal_or_a_kilogram_of_a_decimetre(
 def test_torques_and_lever_arms_tell_the_size_of_a_body(mass: float, length: float) -> None:
     truth = bodies_of(problem(arm(mass, length), mass, length).model.parameters)
     posed = problem(arm(mass, length, "none"), mass, length)
-    parameters = posed.model.parameters
-    sizes = estimate_sizes(bodies_of(parameters), parameters, posed.regression.triangular_factors)
+    sizes = estimate_sizes(posed.model.parameters, posed.regression.triangular_factors)
     for first, second in zip(sizes, truth, strict=True):
         mass_ratio, length_ratio = (first.size[3] / second.size[3]) ** 2, first.size[0] / first.size[3]
         assert 0.3 < mass_ratio < 30

@@ -15,7 +15,6 @@ from dynident.estimators import (
     LeastSquares,
     PhysicallyConsistent,
     Problem,
-    bodies_of,
     estimate_sizes,
     interval_limit,
     parameter_scales,
@@ -32,7 +31,7 @@ from tests.estimators.arms import arm, error, problem
 def program(posed: Problem) -> tuple[staged.Information, Constraints]:
     parameters, factors = posed.model.parameters, posed.regression.triangular_factors
     factor, rank = weight_joints(factors, joint_weights(factors, "per_joint", 3, parameters), parameters)
-    bodies, effect = estimate_sizes(bodies_of(parameters), parameters, factors), np.linalg.norm(factor, axis=0)
+    bodies, effect = estimate_sizes(parameters, factors), np.linalg.norm(factor, axis=0)
     scale = parameter_scales(parameters, bodies, effect[:-1], float(effect[-1]))
     limits = tuple(sign_limit.scale_rows(scale) for sign_limit in sign_limits(parameters))
     return staged.information_from_factor(factor, scale, rank, factors.total), Constraints(limits, bodies, 1e-5)

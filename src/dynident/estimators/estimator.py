@@ -80,6 +80,13 @@ class DataRank(Noun):
     condition: float = math.nan
     directions: Annotated[Rank | None, OMITTED] = None
 
+    @property
+    def determined_condition(self) -> float:
+        """The condition within the directions that the data determine, where these are known."""
+        if self.directions is None or not self.directions.rank:
+            return self.condition
+        return float(self.directions.values[0] / self.directions.values[self.directions.rank - 1])
+
 
 class Pieces(Noun):
     """The residual torque in each of K pieces of long recordings, to see whether a fit is equally good all the time.

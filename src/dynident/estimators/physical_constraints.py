@@ -278,10 +278,8 @@ PLAUSIBLE_MASS_RATIO = 1e-3, 30.0
 MOMENT_COLUMNS = (slice(0, 1), slice(1, 4), slice(4, 10))  # mass, first and second moments
 
 
-def estimate_sizes(
-    bodies: Sequence[BodyConstraint], parameters: Sequence[Parameter], triangular: TriangularFactors
-) -> tuple[BodyConstraint, ...]:
-    """Return the bodies, with estimated sizes where nominal mass or inertia are missing.
+def estimate_sizes(parameters: Sequence[Parameter], triangular: TriangularFactors) -> tuple[BodyConstraint, ...]:
+    """Return the bodies of ``bodies_of``, with estimated sizes where nominal mass or inertia are missing.
 
     In each joint's equation, the column of a body's mass is a multiple of those of its first moments; the factor
     is the distance of the body's origin from the joint's axis, its lever arm (m). The length of a body is the
@@ -289,11 +287,11 @@ def estimate_sizes(
     which no joint's torque is too small, with the body alone at its origin or this length from it. Nominal values
     far from it count as unknown.
     """
-    torque = np.linalg.norm(triangular.factors[:, :, -1], axis=1)
+    bodies, torque = bodies_of(parameters), np.linalg.norm(triangular.factors[:, :, -1], axis=1)
     effect = np.linalg.norm(triangular.factors[:, :, :-1], axis=1)
     effects = np.stack([effect[:, body.columns] for body in bodies]) if bodies else np.zeros((0, len(effect), 10))
     if not effects.any() or not torque.any():
-        return tuple(bodies)
+        return bodies
     # largest effect of mass, first and second moments of each body on each joint
     mass, first_moments, second_moments = (np.transpose(effects[..., part].max(axis=2)) for part in MOMENT_COLUMNS)
     acts = np.logical_or.reduce([part > ROUNDING * part.max() for part in (mass, first_moments, second_moments)])

@@ -35,7 +35,6 @@ from dynident.estimators.physical_constraints import (
     Bounds,
     Constraints,
     Corners,
-    bodies_of,
     centre_of_mass_limit,
     estimate_sizes,
     interval_limit,
@@ -240,7 +239,7 @@ class PhysicallyConsistent(Estimator):
     def _fit_torque(self, problem: Problem, rows: LinearFit) -> _TorqueFit:
         """Fit the rows under the constraints; the prior counts only along informed directions."""
         model, triangular = problem.model, problem.regression.triangular_factors
-        bodies = estimate_sizes(bodies_of(model.parameters), model.parameters, triangular)
+        bodies = estimate_sizes(model.parameters, triangular)
         effect = np.linalg.norm(rows.factor, axis=0)
         scale = parameter_scales(model.parameters, bodies, effect[:-1], float(effect[-1]))
         information = information_from_factor(rows.factor, scale, rows.directions, rows.total)

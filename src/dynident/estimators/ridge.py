@@ -20,7 +20,7 @@ from dynident.estimators.estimator import (
 )
 from dynident.estimators.least_squares import LeastSquares, LinearEstimator, LinearFit, joint_weights, weight_joints
 from dynident.estimators.notes import DrawnToPrior
-from dynident.estimators.physical_constraints import bodies_of, estimate_sizes, parameter_scales
+from dynident.estimators.physical_constraints import estimate_sizes, parameter_scales
 from dynident.estimators.programs import Information, add_prior, information_from_factor, nearest_to_prior
 from dynident.models import Model
 from dynident.regression import TriangularFactors, divide_regression, factors_of_parts, merge_factors, rank_of
@@ -135,7 +135,7 @@ class Ridge(LinearEstimator):
 
 def _usual_sizes(model: Model, triangular: TriangularFactors, weights: Array) -> Array:
     """Return the typical size (p) of each parameter."""
-    bodies = estimate_sizes(bodies_of(model.parameters), model.parameters, triangular)
+    bodies = estimate_sizes(model.parameters, triangular)
     effect = np.linalg.norm(triangular.stack(weights), axis=0)
     return parameter_scales(model.parameters, bodies, effect[:-1], float(effect[-1]))
 

@@ -235,8 +235,8 @@ def _fixed_frames(bodies: RigidBodies) -> dict[str, Array]:
     pending = [file.root]
     while pending:
         link = pending.pop()
-        for joint in file.joints:
-            if joint.parent == link and joint.child in fixed_links:
+        for joint in file.joints_below.get(link, ()):
+            if joint.child in fixed_links:
                 joint_motion = motion_matrix(joint, arm.fixed_positions.get(joint.name, 0.0))
                 frames[joint.child] = frames[link] @ joint.placement @ joint_motion
                 pending.append(joint.child)

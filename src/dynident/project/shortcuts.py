@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
@@ -25,7 +24,6 @@ from dynident.identification import (
     logs_by_name,
 )
 from dynident.models import Joint, Model
-from dynident.models.robot_files import RobotJointLimits
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Smoother, Spline
 from dynident.project.config import load_model, load_robot
@@ -293,16 +291,10 @@ def _to_model(
     # joints that are asked for must be logged; where no joint at all is, the names are at fault
     if joints is not None or not missing or len(missing) == len(model.joints):
         return model, ()
-    positions = {name: _rest_position(model.limits[name]) for name in missing}
+    positions = {name: model.limits[name].nearest_to_zero for name in missing}
     settings["lock"] = {**(lock or {}), **positions}
     note = NotLogged(tuple(missing), tuple(positions.values()))
     return load_model(read_settings(RobotSettings, settings, "identify", **HERE)), (note,)
-
-
-def _rest_position(limits: RobotJointLimits) -> float:
-    """Return the position (rad, m) nearest to zero that a joint can have."""
-    low = -math.inf if limits.lower is None else limits.lower
-    return min(max(0.0, low), math.inf if limits.upper is None else limits.upper)
 
 
 def _recipe_for(recipe: Recipe | None, model: Model) -> Recipe:

@@ -40,9 +40,7 @@ def find_gripper(model: Model) -> GripperLeftOut | None:
     names = [model.joints[k].name for k in np.flatnonzero(moves)]
     if not names or len(names) == len(model.joints):
         return None
-    return GripperLeftOut(
-        {name: _nearest_to_zero(model.limits[name].lower, model.limits[name].upper) for name in names}
-    )
+    return GripperLeftOut({name: model.limits[name].nearest_to_zero for name in names})
 
 
 def _finger_bodies(arm: Arm, palm: int) -> list[int]:
@@ -60,7 +58,3 @@ def _finger_bodies(arm: Arm, palm: int) -> list[int]:
     is_mimic = [k not in arm.driven for k in fingers]
     slides = [arm.bodies[k].joint.kind == "prismatic" for k in fingers]
     return fingers if all(np.logical_or(is_mimic, slides)) else []
-
-
-def _nearest_to_zero(lower: float | None, upper: float | None) -> float:
-    return min(max(0.0, -np.inf if lower is None else lower), np.inf if upper is None else upper)

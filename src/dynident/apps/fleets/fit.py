@@ -24,13 +24,7 @@ from dynident.models import Model
 from dynident.project.explicit_config import relocate_settings, settings_text
 from dynident.project.project import Project, parse_project
 from dynident.project.settings import LogSpec
-from dynident.regression import (
-    BaseParameters,
-    Regression,
-    TriangularFactors,
-    base_parameters,
-    structural_base_parameters,
-)
+from dynident.regression import BaseParameters, Regression, base_parameters, structural_base_parameters
 from dynident.runtime import DynidentError, InputError, ModelError, Noun, join_names
 from dynident.runtime.arrays import Array
 from dynident.runtime.jobs import Status
@@ -84,15 +78,11 @@ def information_of(identification: Identification, basis: BaseParameters) -> tup
     variance = np.maximum(np.einsum("ij,jk,ik->i", to_axes, covariance, to_axes), 1.0)
     whitened = (to_axes / np.sqrt(variance)[:, None]) @ shown_base.combination[:, list(basis.independent)]
     # the residual is that of the torque itself, before rows were whitened
-    residual_factors = triangular if residual.whitening is None else unweighted.triangular_factors
-    return basis.to_base(value), whitened.T @ whitened, _residual_rms(residual_factors, value, len(columns))
-
-
-def _residual_rms(triangular: TriangularFactors, value: Array, rank: int) -> Array:
-    """Return the residual (n) of the torque, the rank spread over all rows."""
-    rows = np.where(triangular.rows > 0, triangular.rows, np.nan)
-    share = 1 - rank / triangular.total
-    return np.asarray(np.sqrt(triangular.residual(value) / (share * rows))) if share > 0 else np.full(len(rows), np.nan)
+    plain = triangular if residual.whitening is None else unweighted.triangular_factors
+    # the rank is spread over all rows
+    share = max(1 - len(columns) / plain.total, 0.0)
+    rows = np.where((plain.rows > 0) & (share > 0), share * plain.rows, np.nan)
+    return basis.to_base(value), whitened.T @ whitened, np.sqrt(plain.residual(value) / rows)
 
 
 def schema() -> dict[str, Any]:

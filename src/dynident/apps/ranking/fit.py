@@ -22,15 +22,7 @@ from dynident.apps.ranking.task import (
     smoothed_motions,
     with_common_samples,
 )
-from dynident.estimators import (
-    Estimate,
-    Estimator,
-    LinearEstimator,
-    PhysicallyConsistent,
-    Problem,
-    bodies_of,
-    estimate_sizes,
-)
+from dynident.estimators import Estimate, Estimator, LinearEstimator, PhysicallyConsistent, Problem, estimate_sizes
 from dynident.identification import Alignment, PriorStrength, SubstituteUsed, estimate_parameters, find_prior_strength
 from dynident.identification.cross_validation import keep_fold
 from dynident.identification.dataset import RoleMotions
@@ -150,7 +142,7 @@ class Fit(Noun):
         if any(SUBSTITUTE in motion.smoothing for motion in motions["validation"].values()):
             kinds.add(SubstituteUsed)
         row["notes"] = sorted(kind.__name__ for kind in kinds)
-        row["condition"] = _regressor_condition(estimate)
+        row["condition"] = float(estimate.determined.determined_condition)
         row["eigenvalue"] = _smallest_eigenvalue(problem, estimate.value)
         # errors on the motions of the configured smoother differ between combinations by the parameters alone
         configured_motions = with_common_samples(task, task.motions, self.common)
@@ -245,24 +237,12 @@ def _train_problem(task: Task, motions: tuple[Motion, ...], time_offset: float) 
     return Problem(task.model, motions, regression, logs, time_offset)
 
 
-def _regressor_condition(estimate: Estimate) -> float:
-    """Return the condition number of the scaled regressor.
-
-    It is that within the directions that the data determine, where these are known.
-    """
-    directions = estimate.determined.directions
-    if directions is None or not directions.rank:
-        return float(estimate.determined.condition)
-    return float(directions.values[0] / directions.values[directions.rank - 1])
-
-
 def _smallest_eigenvalue(problem: Problem, value: Array) -> float | None:
     """Return the smallest eigenvalue of the pseudo-inertias, relative to the usual size of a body.
 
     None without bodies.
     """
-    parameters = problem.model.parameters
-    bodies = estimate_sizes(bodies_of(parameters), parameters, problem.regression.triangular_factors)
+    bodies = estimate_sizes(problem.model.parameters, problem.regression.triangular_factors)
     return min((float(np.linalg.eigvalsh(body.scaled_inertia(value))[0]) for body in bodies), default=None)
 
 

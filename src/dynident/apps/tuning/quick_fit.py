@@ -85,14 +85,11 @@ class QuickFit(Noun):
     cross_validated: float
     exact: bool
 
-    @cached_property
+    @property
     def condition(self) -> float:
         """Ratio of the largest to the smallest singular value of the column-scaled regressor that counts: among the
         directions that the data determine."""
-        directions = self.estimate.determined.directions
-        if directions is None or not directions.rank:
-            return self.estimate.determined.condition
-        return float(directions.values[0] / directions.values[directions.rank - 1])
+        return self.estimate.determined.determined_condition
 
     @cached_property
     def inertial_torque(self) -> Mapping[str, Array]:

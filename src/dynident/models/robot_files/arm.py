@@ -247,9 +247,6 @@ def _walk(
 
     Return the bodies, the links that stand still, and the positions of the joints that are held fixed.
     """
-    below: dict[str, list[RobotJoint]] = {}
-    for branch in file.joints:
-        below.setdefault(branch.parent, []).append(branch)
     bodies: list[_Body] = []
     fixed_links: list[str] = []
     fixed_positions: dict[str, float] = {}
@@ -269,7 +266,7 @@ def _walk(
             fixed_links.append(link)
         else:
             bodies[host].add(link, file.links[link], frame)
-        todo += [(x.child, x, host, frame @ x.placement) for x in reversed(below.get(link, []))]
+        todo += [(x.child, x, host, frame @ x.placement) for x in reversed(file.joints_below.get(link, ()))]
     massless = set(file.massless)
     return tuple(body.finish(massless) for body in bodies), tuple(fixed_links), fixed_positions
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from enum import StrEnum
+from functools import cached_property
 from typing import Literal, NoReturn
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
@@ -29,6 +31,12 @@ class RobotJointLimits:
     velocity: float | None = None
     lower: float | None = None
     upper: float | None = None
+
+    @property
+    def nearest_to_zero(self) -> float:
+        """The position nearest to zero that the joint can have."""
+        low = -math.inf if self.lower is None else self.lower
+        return min(max(0.0, low), math.inf if self.upper is None else self.upper)
 
 
 class RobotJoint(Noun):
@@ -88,6 +96,14 @@ class RobotFile(Noun):
     origins: Mapping[str, Array] = field(default_factory=dict)
     massless: tuple[str, ...] = ()
 
+    @cached_property
+    def joints_below(self) -> Mapping[str, Sequence[RobotJoint]]:
+        """The joints on each link that has any, in the order of the file."""
+        below: dict[str, list[RobotJoint]] = {}
+        for joint in self.joints:
+            below.setdefault(joint.parent, []).append(joint)
+        return below
+
     @property
     def floating(self) -> tuple[str, ...]:
         """The joints with several coordinates that carry the whole robot, such as a free joint of the trunk."""
@@ -95,10 +111,7 @@ class RobotFile(Noun):
 
     def limbs(self, moving: Collection[str]) -> tuple[str, tuple[str, ...]] | None:
         """Return the base link at which several ``moving`` joints begin, with these, where it has a mass; else None."""
-        base_links = [self.root]
-        below: dict[str, list[RobotJoint]] = {}
-        for joint in self.joints:
-            below.setdefault(joint.parent, []).append(joint)
+        base_links, below = [self.root], self.joints_below
         # the base is the root and all links fixed to it: the list grows while it is gone through
         for link in base_links:
             base_links += [joint.child for joint in below.get(link, []) if joint.kind == "fixed"]

@@ -68,9 +68,6 @@ def mjcf_of(bodies: RigidBodies) -> str:
 
 def _body_lines(bodies: RigidBodies) -> Iterator[str]:
     """Yield the bodies, each inside of its parent, depth first in the order of the file."""
-    below: dict[str, list[RobotJoint]] = {}
-    for branch in bodies.file.joints:
-        below.setdefault(branch.parent, []).append(branch)
     shapes, root = bodies.shapes, bodies.file.root
     todo: list[tuple[str, RobotJoint | None, int] | str] = [(root, None, 2)]
     while todo:
@@ -92,7 +89,7 @@ def _body_lines(bodies: RigidBodies) -> Iterator[str]:
                 shape for shape in getattr(roles, role) if shape.kind is not ShapeKind.MESH and min(shape.size) > 0
             )
             yield from (f"{indent}  {_geom(shape, role)}" for shape in simple)
-        todo += [(x.child, x, depth + (not is_world)) for x in reversed(below.get(link, []))]
+        todo += [(x.child, x, depth + (not is_world)) for x in reversed(bodies.file.joints_below.get(link, ()))]
 
 
 def _place(frame: Array) -> str:

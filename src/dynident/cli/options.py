@@ -208,9 +208,11 @@ def version_text() -> str:
 
     Raises ConfigError, as ``kernel``.
     """
+    from dynident.runtime.jobs.cluster import package_version
+
     dynident_version = f"dynident {__version__}" + (f", commit {revision}" if (revision := commit()) else "")
     python = f"{platform.python_implementation()} {platform.python_version()}, {platform.platform()}"
-    packages = ", ".join(f"{name} {_version(name)}" for name in PACKAGES)
+    packages = ", ".join(f"{name} {package_version(name)}" for name in PACKAGES)
     return "\n".join((dynident_version, python, packages, f"kernel: {kernel()}"))
 
 
@@ -228,12 +230,3 @@ def commit() -> str | None:
         return subprocess.run(arguments, capture_output=True, text=True, timeout=5, check=True).stdout.strip()  # noqa: S603
     except (OSError, subprocess.SubprocessError):  # there is no git, or it does not trust the folder
         return None
-
-
-def _version(name: str) -> str:
-    from importlib import metadata
-
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return "not installed"

@@ -130,6 +130,20 @@ class Solid(Noun):
     mesh: Mesh | None = None
 
 
+def obstacle_solid(obstacle: Box | Cylinder, reach: float, min_height: float = 0.0) -> Solid:
+    """Return an obstacle as a solid of the root link; a cylinder without an end goes to ``reach`` (m) there, and is at
+    least ``min_height`` (m) high.
+    """
+    frame = np.eye(4)
+    if isinstance(obstacle, Box):
+        frame[:3, :3], frame[:3, 3] = np.transpose(obstacle.axes), obstacle.centre
+        return Solid(obstacle.name, -1, ShapeKind.BOX, tuple((0.5 * np.array(obstacle.size)).tolist()), frame)
+    bottom = obstacle.bottom if np.isfinite(obstacle.bottom) else min(-reach, obstacle.top - min_height)
+    top = obstacle.top if np.isfinite(obstacle.top) else max(reach, bottom + min_height)
+    frame[:3, 3] = *obstacle.centre, (bottom + top) / 2
+    return Solid(obstacle.name, -1, ShapeKind.CYLINDER, (obstacle.radius, (top - bottom) / 2), frame)
+
+
 class LinkPlace(Noun):
     """A link, the index of its body in ``Arm.bodies`` (-1: the root link), and its frame (4, 4) in that of the
     body.

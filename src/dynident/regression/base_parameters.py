@@ -20,6 +20,7 @@ from dynident.regression.triangular import EntryBlock, TriangularFactors, factor
 from dynident.runtime import ModelError, Note, Noun, join_names
 from dynident.runtime.arrays import Array
 
+STATES = 400  # of the arm, drawn at random: they show all that any motion could
 MIN_SHARE = 1e-8  # a smaller share in a base parameter is rounding error
 MIN_INDEPENDENCE = 1e-2  # a column this far from the span of those already kept is clearly independent
 
@@ -173,17 +174,12 @@ def informed_std(basis: BaseParameters, information: Array) -> Array:
 
 
 def structural_base_parameters(
-    model: Model,
-    rng: np.random.Generator | None = None,
-    samples: int = 400,
-    tolerance: float | None = None,
-    unfitted: Collection[str] = (),
+    model: Model, *, tolerance: float | None = None, unfitted: Collection[str] = ()
 ) -> BaseParameters:
     """Return the base parameters that a sufficiently exciting motion shows.
 
-    They are those of ``samples`` random states of the arm, where the torques of all joints but the ``unfitted``
-    ones are fitted. ``rng`` draws the states, by default the same ones each time. Raises the errors of
-    ``base_parameters`` and of the model.
+    They are those of 400 random states of the arm, the same ones each time, where the torques of all joints but the
+    ``unfitted`` ones are fitted. Raises the errors of ``base_parameters`` and of the model.
 
     >>> from dynident.models.friction import Coulomb, Viscous
     >>> from dynident.models import Model, RotorInertia
@@ -192,8 +188,7 @@ def structural_base_parameters(
     >>> structural_base_parameters(Model((*arm.terms, RotorInertia(arm.joints)))).groupings
     ('J + Ia_pivot', 'h')
     """
-    rng = rng or np.random.default_rng(0)
-    factor = _factor(model, model.random_states(rng, samples), unfitted)
+    factor = _factor(model, model.random_states(np.random.default_rng(0), STATES), unfitted)
     return base_parameters(factor, model.parameters, tolerance)
 
 

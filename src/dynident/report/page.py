@@ -125,13 +125,13 @@ class PageTable:
         heads: Iterable[Head],
         rows: Iterable[Iterable[str]],
         caption: str = "",
-        links: Iterable[str] = (),
+        files: Iterable[str] = (),
     ) -> PageTable:
-        """Return a table: columns of ``texts`` by their titles, then those of the ``heads``."""
+        """Return a table: columns of ``texts`` by their titles, then those of the ``heads``; rows lead to ``files``."""
         columns = [Column(title, numeric=False) for title in texts]
         for head in heads:
             columns.append(head if isinstance(head, Column) else Column(*((head,) if isinstance(head, str) else head)))
-        return cls(tuple(columns), tuple(map(tuple, rows)), caption, tuple(links))
+        return cls(tuple(columns), tuple(map(tuple, rows)), caption, tuple(map(relative_link, files)))
 
     @property
     def groups(self) -> tuple[tuple[str, int], ...]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dynident.apps.excitation.clearance import CapsuleSpace, Integers, candidate_pairs
 from dynident.models import Box, Capsule, Floor, Geometry, Mesh, Obstacle, RigidBodies, ShapeSource
 from dynident.models.capsules import body_capsules, fixed_boxes
-from dynident.models.geometry import Solid
+from dynident.models.geometry import Solid, obstacle_solid
 from dynident.models.robot_files import ShapeKind
 from dynident.runtime import ConfigError, Noun
 from dynident.runtime.arrays import Array
@@ -31,7 +31,7 @@ DEFAULT_HALF_RANGE = np.pi  # rad or m: the range of a joint without limits, to 
 TRIANGLE_DISTANCE = 0.02  # m: nearer than this by their convex hulls, the triangles of meshes are compared
 MIN_CONVEX_SHARE = 0.999  # of the volume of its hull: a mesh is convex
 TRIAL_POSES = 200  # poses in which the pairs are tried
-ENDLESS_CYLINDER_LENGTH = 100.0  # m: the length of a cylinder without an end
+ENDLESS_CYLINDER_REACH = 100.0  # m: how far a cylinder without an end goes
 
 
 def build_capsule_space(
@@ -221,8 +221,11 @@ class _CollisionScene:
                 shape = shape.convex
             self._add(shape, solid.body + 1, solid.frame)
         for obstacle in obstacles:
-            shape, frame = _obstacle_shape(obstacle)
-            self._add(shape, 0, frame)
+            if isinstance(obstacle, Floor):
+                self._add(coal.Halfspace(np.array([0.0, 0.0, 1.0]), obstacle.height), 0, np.eye(4))
+            else:
+                solid = obstacle_solid(obstacle, ENDLESS_CYLINDER_REACH)
+                self._add(_coal_shape(solid), 0, solid.frame)
         self._watched = [(int(first), int(second)) for first, second in watched]
         for first, second in self._watched:
             self._shapes.addCollisionPair(pin.CollisionPair(first, second))
@@ -310,18 +313,3 @@ def _hull_fill_share(mesh: Mesh) -> float:
     a, b, c = (mesh.vertices[mesh.triangles[:, k]] - mesh.vertices.mean(axis=0) for k in range(3))
     volume = abs(np.einsum("ki,ki->", a, np.cross(b, c))) / 6
     return float(volume / hull)
-
-
-def _obstacle_shape(obstacle: Obstacle) -> tuple[Any, Array]:
-    """Return the Coal shape and the frame (4, 4) of an obstacle."""
-    import coal
-
-    frame = np.eye(4)
-    if isinstance(obstacle, Floor):
-        return coal.Halfspace(np.array([0.0, 0.0, 1.0]), obstacle.height), frame
-    if isinstance(obstacle, Box):
-        frame[:3, :3], frame[:3, 3] = np.array(obstacle.axes).T, obstacle.centre
-        return coal.Box(*obstacle.size), frame
-    low, high = np.clip((obstacle.bottom, obstacle.top), -ENDLESS_CYLINDER_LENGTH, ENDLESS_CYLINDER_LENGTH)
-    frame[:3, 3] = *obstacle.centre, (low + high) / 2
-    return coal.Cylinder(obstacle.radius, float(high - low)), frame

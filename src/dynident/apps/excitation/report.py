@@ -20,22 +20,11 @@ from dynident.apps.excitation.robot import ExcitationProject
 from dynident.apps.excitation.trajectory import Trajectory
 from dynident.apps.excitation.verify import QUANTITIES
 from dynident.identification import versions
-from dynident.models import Box, Floor, Geometry, Joint, Mesh, Obstacle, ShapeSource, Solid, outlines, solid_surface
-from dynident.models.robot_files import ShapeKind
+from dynident.models import Floor, Geometry, Joint, Mesh, Obstacle, ShapeSource, outlines, solid_surface
+from dynident.models.geometry import obstacle_solid
 from dynident.report import METAL, STILL, Replay, path_trace, root_surface, scene_figure, solid, surface
 from dynident.report.identification.parameters import missing_mesh_notes
-from dynident.report.page import (
-    UNIT,
-    Beside,
-    Figure,
-    Gallery,
-    PageBlock,
-    PageSection,
-    PageTable,
-    pair_table,
-    relative_link,
-    render,
-)
+from dynident.report.page import UNIT, Beside, Figure, Gallery, PageBlock, PageSection, PageTable, pair_table, render
 from dynident.runtime import number, setting_text
 from dynident.runtime.arrays import Array
 
@@ -119,16 +108,7 @@ def obstacle_mesh(obstacle: Obstacle, reach: float) -> Mesh:
     if isinstance(obstacle, Floor):
         corners = reach * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
         return Mesh(corners + np.array([0.0, 0.0, obstacle.height]), np.array([[0, 1, 2], [0, 2, 3]]))
-    frame = np.eye(4)
-    if isinstance(obstacle, Box):
-        frame[:3, :3], frame[:3, 3] = np.transpose(obstacle.axes), obstacle.centre
-        half = tuple(0.5 * np.array(obstacle.size))
-        return solid_surface(Solid(obstacle.name, -1, ShapeKind.BOX, half, frame))
-    bottom = obstacle.bottom if np.isfinite(obstacle.bottom) else min(-reach, obstacle.top - OPEN_CYLINDER_HEIGHT)
-    top = obstacle.top if np.isfinite(obstacle.top) else max(reach, bottom + OPEN_CYLINDER_HEIGHT)
-    frame[:3, 3] = *obstacle.centre, (bottom + top) / 2
-    size = obstacle.radius, (top - bottom) / 2
-    return solid_surface(Solid(obstacle.name, -1, ShapeKind.CYLINDER, size, frame))
+    return solid_surface(obstacle_solid(obstacle, reach, OPEN_CYLINDER_HEIGHT))
 
 
 def _distance_blocks(project: ExcitationProject, design: Design) -> Iterator[PageBlock]:
@@ -170,8 +150,7 @@ def _shape_sentences(geometry: Geometry) -> Iterator[str]:
 def excitation_page(project: ExcitationProject, design: Design, files: Sequence[tuple[str, str]] = ()) -> str:
     """Return the design as one HTML page; ``files`` are the names of what was written, each with its use."""
     first_step = _SLOWLY if any(name.startswith(f"{TRIAL}.") for name, _ in files) else NO_TRIAL
-    links = [relative_link(name) for name, _ in files]
-    steps = PageTable.of(("file", "what it holds"), (), files, links=links), (first_step, *_STEPS)
+    steps = PageTable.of(("file", "what it holds"), (), files, files=[name for name, _ in files]), (first_step, *_STEPS)
     findings, view = tuple(excitation_findings(project, design)), arm_view(project, design)
     told = findings if view is None else Beside((view,), (findings,), "left")
     sections = [

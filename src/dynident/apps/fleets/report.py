@@ -35,7 +35,6 @@ from dynident.report.page import (
     PageSection,
     PageTable,
     pair_table,
-    relative_link,
     render,
 )
 from dynident.runtime import Use, count, join_names, number, percent
@@ -151,8 +150,8 @@ def _log_table(rows: Sequence[Row], joints: Sequence[str], max_rows: int) -> Pag
         status = Use(row["verdict"]).value if is_judged else str(row["status"])
         cells.append((row["log"], _date_text(row), status, *errors, *cost, _shorten_reason(row["reason"] or "")))
     caption = f"The last {max_rows} of {len(rows)} logs" if len(rows) > max_rows else ""
-    links = [relative_link(f"{row['folder']}/{REPORT}") if row["folder"] else "" for row in last_rows]
-    return PageTable.of(("log", "date", "status"), heads, cells, caption, links)
+    reports = [f"{row['folder']}/{REPORT}" if row["folder"] else "" for row in last_rows]
+    return PageTable.of(("log", "date", "status"), heads, cells, caption, reports)
 
 
 def _rows_by_robot(rows: Sequence[Row]) -> dict[str, list[Row]]:

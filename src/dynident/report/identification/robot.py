@@ -235,8 +235,8 @@ def export_section(exports: Sequence[Export]) -> Iterator[PageSection]:
         proof = (tiny(export.proof.agreement), ", ".join(export.proof.readers)) if export.proof else ("-", "-")
         rows.append((export.file, *proof, "yes" if export.ready else "no"))
     heads = ("difference", Column("loaded by", numeric=False), Column("written", numeric=False))
-    links = [relative_link(export.file) if export.ready else "" for export in exports]
-    blocks: list[PageBlock] = [_LEAD, PageTable.of(("file",), heads, rows, "Files of the identified model", links)]
+    files = [export.file if export.ready else "" for export in exports]
+    blocks: list[PageBlock] = [_LEAD, PageTable.of(("file",), heads, rows, "Files of the identified model", files)]
     for export in exports:
         notes = [f"Not written: {export.refusal}"] if export.refusal else []
         if export.written:

@@ -40,7 +40,7 @@ def software() -> dict[str, str]:
         "dynident": __version__,
         "the code of dynident": code_digest(),
         "the kernel of dynident": "compiled" if kernel().level else "NumPy and LAPACK",
-        **{name: _version(name) for name in PACKAGES},
+        **{name: package_version(name) for name in PACKAGES},
     }
 
 
@@ -84,11 +84,12 @@ def code_digest() -> str:
     return digest.hexdigest()[:12]
 
 
-def _version(name: str) -> str:
+def package_version(name: str) -> str:
+    """Return the version of a package, or that it is not installed."""
     try:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
-        return "missing"
+        return "not installed"
 
 
 @contextmanager

@@ -34,7 +34,7 @@ def program(posed: Problem) -> tuple[staged.Information, Constraints]:
     bodies, effect = estimate_sizes(parameters, factors), np.linalg.norm(factor, axis=0)
     scale = parameter_scales(parameters, bodies, effect[:-1], float(effect[-1]))
     limits = tuple(sign_limit.scale_rows(scale) for sign_limit in sign_limits(parameters))
-    return staged.information_from_factor(factor, scale, rank, factors.total), Constraints(limits, bodies, 1e-5)
+    return staged.Information.from_factor(factor, scale, rank, factors.total), Constraints(limits, bodies, 1e-5)
 
 
 def squared(x: np.ndarray) -> float:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynident.models.geometry import Balls, fit_capsule, fit_capsule_quickly
+from dynident.models.geometry import Balls
 
 
 def beyond(capsule, balls):
@@ -24,7 +24,7 @@ def test_all_balls_are_inside(seed, count) -> None:
     rng = np.random.default_rng(seed)
     shape = rng.normal(size=(3, 3)) * [0.3, 0.1, 0.02]
     balls = Balls(rng.normal(size=(count, 3)) @ shape, rng.uniform(0, 0.05, count))
-    for capsule in (fit_capsule(balls), fit_capsule_quickly(balls)):
+    for capsule in (balls.capsule(), balls.quick_capsule()):
         assert beyond(capsule, balls).max() < 2e-3 * capsule.radius + 1e-12
 
 
@@ -34,7 +34,7 @@ def test_a_capsule_is_found_again() -> None:
     away = rng.normal(size=(3000, 3))
     away *= radius / np.linalg.norm(away, axis=1, keepdims=True)
     surface = start + rng.uniform(size=(3000, 1)).round() * (end - start) + away
-    capsule = fit_capsule(points(surface))
+    capsule = points(surface).capsule()
     assert capsule.radius == pytest.approx(radius, rel=0.02)
     ends = sorted(np.array([capsule.start, capsule.end]).tolist())
     assert np.array(ends) == pytest.approx(np.array([start, end]), abs=0.01)

@@ -298,6 +298,12 @@ class Estimator(Part, ABC):
         values = getattr(self, setting)
         return {} if isinstance(values, str) else dict(values)
 
+    def check_prior(self) -> None:
+        """Raise ConfigError for a setting ``prior`` with what is no number, or a huge one."""
+        for name, value in self.values_of("prior").items():
+            if not abs(value) <= MAX_PRIOR:
+                raise ConfigError(f"prior of {name} is {value}; give a number of at most {MAX_PRIOR:g} in size.")
+
 
 def to_tuples(value: Any) -> Any:
     """Return lists, arrays and mappings as tuples, so that settings can be hashed; anything else as it is."""
@@ -311,13 +317,6 @@ def check_parameters(names: Collection[str], model: Model, where: str) -> None:
     for name in names:
         if name not in model.names:
             raise ConfigError(f"{where}: {model.name} has no parameter {name!r}; {choices(name, model.names)}")
-
-
-def check_prior(values: Mapping[str, float]) -> None:
-    """Raise ConfigError for a prior that is no number, or a huge one."""
-    for name, value in values.items():
-        if not abs(value) <= MAX_PRIOR:
-            raise ConfigError(f"prior of {name} is {value}; give a number of at most {MAX_PRIOR:g} in size.")
 
 
 def prior_values(prior: str | Mapping[str, float] | Iterable[tuple[str, float]], model: Model) -> Array:

@@ -22,7 +22,6 @@ from dynident.estimators.estimator import (
     Problem,
     Provenance,
     check_parameters,
-    check_prior,
     prior_notes,
     prior_values,
     to_tuples,
@@ -42,14 +41,7 @@ from dynident.estimators.physical_constraints import (
     sign_limits,
     total_mass_limit,
 )
-from dynident.estimators.programs import (
-    Information,
-    add_prior,
-    information_from_factor,
-    move_to_prior,
-    nearest_to_prior,
-    staged_fit,
-)
+from dynident.estimators.programs import Information, add_prior, move_to_prior, nearest_to_prior, staged_fit
 from dynident.models import Model, Parameter
 from dynident.regression import base_parameters
 from dynident.runtime import ConfigError, Note, Noun
@@ -210,7 +202,7 @@ class PhysicallyConsistent(Estimator):
     def _check_settings(self) -> None:
         if not isinstance(self.fit, LinearEstimator | None):
             raise ConfigError(f"fit = {self.fit!r}: is not linear in the parameters; give one such as LeastSquares().")
-        check_prior(self.values_of("prior"))
+        self.check_prior()
         for name, sides in self._named_bounds().items():
             _check_bounds(name, *sides)
         for name, (lower, upper) in dict(self.centre_of_mass).items():
@@ -242,7 +234,7 @@ class PhysicallyConsistent(Estimator):
         bodies = estimate_sizes(model.parameters, triangular)
         effect = np.linalg.norm(rows.factor, axis=0)
         scale = parameter_scales(model.parameters, bodies, effect[:-1], float(effect[-1]))
-        information = information_from_factor(rows.factor, scale, rows.directions, rows.total)
+        information = Information.from_factor(rows.factor, scale, rows.directions, rows.total)
         constraints, prior = self._constraints(model, bodies, scale), prior_values(self.prior, model)
         strength = 0.0 if self.strength == "auto" else self.strength
         posterior = add_prior(information, self._body_prior(constraints, prior), strength)

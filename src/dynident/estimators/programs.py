@@ -112,6 +112,33 @@ class Information(Noun):
     torque: float
     variance: float
 
+    @classmethod
+    def from_factor(cls, factor: Array, scale: Array, rank: Rank, rows: int) -> Information:
+        """Split the parameter space by the ``rank`` of the factor (p + 1, p + 1) of ``rows`` weighted rows.
+
+        The torque is its last column; ``scale`` (p) is the typical size of each parameter.
+        """
+        p, k = len(factor) - 1, rank.rank
+        y = factor[:p, p]
+        target = rank.left_vectors[:, :k].T @ y
+        rss = float(np.sum((y - rank.left_vectors[:, :k] @ target) ** 2) + factor[p, p] ** 2)
+        torque = float(np.linalg.norm(factor[:, p]))
+        # for exact data, a tiny share of the torque instead of the noise
+        step = max(np.sqrt(rss / max(rows - k, 1)), MIN_RELATIVE_NOISE * torque / np.sqrt(rows)) or 1.0
+        half = rank.determined_directions / rank.values[:k]
+        free, _ = np.linalg.qr(rank.free_directions / scale[:, None])
+        return cls(
+            base=half @ target,
+            informed=half * step,
+            free=free * scale[:, None],
+            scale=scale,
+            directions=rank,
+            unit=float(step),
+            rss=rss,
+            torque=torque,
+            variance=rss / max(rows - k, 1),
+        )
+
     @property
     def rank(self) -> int:
         """Number of directions that the data determine."""
@@ -129,33 +156,6 @@ class Information(Noun):
     def error(self, excess: float) -> float:
         """Return the weighted relative error of the training data in percent where |d|^2 is ``excess``."""
         return 100.0 * float(np.sqrt(self.rss + self.unit**2 * excess)) / self.torque if self.torque > 0 else 0.0
-
-
-def information_from_factor(factor: Array, scale: Array, rank: Rank, rows: int) -> Information:
-    """Split the parameter space by the ``rank`` of the factor (p + 1, p + 1) of ``rows`` weighted rows, torque last.
-
-    ``scale`` (p) is the typical size of each parameter.
-    """
-    p, k = len(factor) - 1, rank.rank
-    y = factor[:p, p]
-    target = rank.left_vectors[:, :k].T @ y
-    rss = float(np.sum((y - rank.left_vectors[:, :k] @ target) ** 2) + factor[p, p] ** 2)
-    torque = float(np.linalg.norm(factor[:, p]))
-    # for exact data, a tiny share of the torque instead of the noise
-    step = max(np.sqrt(rss / max(rows - k, 1)), MIN_RELATIVE_NOISE * torque / np.sqrt(rows)) or 1.0
-    half = rank.determined_directions / rank.values[:k]
-    free, _ = np.linalg.qr(rank.free_directions / scale[:, None])
-    return Information(
-        base=half @ target,
-        informed=half * step,
-        free=free * scale[:, None],
-        scale=scale,
-        directions=rank,
-        unit=float(step),
-        rss=rss,
-        torque=torque,
-        variance=rss / max(rows - k, 1),
-    )
 
 
 def staged_fit(information: Information, constraints: Constraints, start: Array) -> tuple[Array, float]:

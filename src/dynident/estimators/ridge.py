@@ -9,19 +9,11 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from annotated_types import Ge, Le
 
-from dynident.estimators.estimator import (
-    Consistency,
-    Estimate,
-    Problem,
-    Provenance,
-    check_prior,
-    prior_notes,
-    prior_values,
-)
+from dynident.estimators.estimator import Consistency, Estimate, Problem, Provenance, prior_notes, prior_values
 from dynident.estimators.least_squares import LeastSquares, LinearEstimator, LinearFit, joint_weights, weight_joints
 from dynident.estimators.notes import DrawnToPrior
 from dynident.estimators.physical_constraints import estimate_sizes, parameter_scales
-from dynident.estimators.programs import Information, add_prior, information_from_factor, nearest_to_prior
+from dynident.estimators.programs import Information, add_prior, nearest_to_prior
 from dynident.models import Model
 from dynident.regression import TriangularFactors, divide_regression, factors_of_parts, merge_factors, rank_of
 from dynident.runtime import Note, report_progress
@@ -74,7 +66,7 @@ class Ridge(LinearEstimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_prior(self.values_of("prior"))
+        self.check_prior()
 
     def quick(self) -> Ridge | LeastSquares:
         """Return least squares where the strength is to be searched: with a strength of zero, ridge is that."""
@@ -143,7 +135,7 @@ def _usual_sizes(model: Model, triangular: TriangularFactors, weights: Array) ->
 def _information(triangular: TriangularFactors, weights: Array, scale: Array, model: Model) -> Information:
     """Return the information of the rows with these weights (n)."""
     factor, rank = weight_joints(triangular, weights, model.parameters)
-    return information_from_factor(factor, scale, rank, triangular.total)
+    return Information.from_factor(factor, scale, rank, triangular.total)
 
 
 def _rows_from_information(information: Information, problem: Problem, total: int, weights: Array) -> LinearFit:

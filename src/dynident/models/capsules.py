@@ -8,17 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from dynident.models.geometry import (
-    Balls,
-    Box,
-    Capsule,
-    Geometry,
-    Mesh,
-    ShapeSource,
-    Solid,
-    fit_capsule,
-    fit_capsule_quickly,
-)
+from dynident.models.geometry import Balls, Box, Capsule, Geometry, Mesh, ShapeSource, Solid
 from dynident.models.rigid_bodies import RigidBodies
 from dynident.models.robot_files import ShapeKind
 from dynident.runtime import Noun
@@ -106,7 +96,7 @@ def body_capsules(geometry: Geometry) -> tuple[Capsule, ...]:
         parts = [part for solid in solids for part in _split_solid(solid)]
         if source is ShapeSource.JOINTS:
             balls = _default_balls(geometry, body)
-            parts.append(_BodyPart(geometry.link(body), balls, fit_capsule(balls)))
+            parts.append(_BodyPart(geometry.link(body), balls, balls.capsule()))
         out += [replace(part.capsule, link=part.link, body=body) for part in _merge_parts(parts, geometry.link(body))]
     return tuple(out)
 
@@ -131,7 +121,7 @@ def joint_rod(geometry: Geometry, body: int) -> Capsule:
     It is around the joints or, where the body carries none, reaches to its centre of mass, if the file has
     that.
     """
-    capsule, link = fit_capsule_quickly(_default_balls(geometry, body)), geometry.link(body)
+    capsule, link = _default_balls(geometry, body).quick_capsule(), geometry.link(body)
     theta = geometry.bodies.arm.bodies[body].theta if body >= 0 else np.zeros(10)
     is_short = np.linalg.norm(capsule.end - capsule.start) < capsule.radius
     end = theta[1:4] / theta[0] if is_short and np.isfinite(theta).all() and theta[0] > 0 else capsule.end
@@ -164,13 +154,11 @@ def _is_fixed_box(solid: Solid) -> bool:
 def _split_solid(solid: Solid) -> list[_BodyPart]:
     """Return a solid as one part, or as two where that saves volume."""
     balls = bounding_balls(solid)
-    capsule = fit_capsule(balls)
+    capsule = balls.capsule()
     # three cheap fits choose the cut, the exact fit is done once for the best
-    halves = min(
-        cut_halves(solid), key=lambda pair: sum(fit_capsule_quickly(half).volume for half in pair), default=None
-    )
+    halves = min(cut_halves(solid), key=lambda pair: sum(half.quick_capsule().volume for half in pair), default=None)
     if halves is not None:
-        pair = [fit_capsule(half) for half in halves]
+        pair = [half.capsule() for half in halves]
         if sum(half.volume for half in pair) < MAX_CUT_VOLUME * capsule.volume:
             return [_BodyPart(solid.link, *half) for half in zip(halves, pair, strict=True)]
     return [_BodyPart(solid.link, balls, capsule)]
@@ -183,9 +171,9 @@ def _merge_parts(parts: list[_BodyPart], body: str) -> list[_BodyPart]:
         trials = []
         for first, second in combinations(parts, 2):
             balls, volume = Balls.join(first.balls, second.balls), first.capsule.volume + second.capsule.volume
-            trials.append((fit_capsule_quickly(balls).volume / volume, volume, balls, first, second))
+            trials.append((balls.quick_capsule().volume / volume, volume, balls, first, second))
         _, volume, balls, first, second = min(trials, key=lambda pair: pair[0])
-        around = fit_capsule(balls)
+        around = balls.capsule()
         if around.volume > MAX_MERGED_VOLUME * volume:
             break
         link = first.link if first.link == second.link else body

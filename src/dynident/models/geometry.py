@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from operator import itemgetter
 from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -286,6 +287,28 @@ class Balls(Noun):
         indices = np.unique((self.centres @ directions + self.radii[:, None]).argmax(axis=0))
         return Balls(self.centres[indices], self.radii[indices])
 
+    def capsule(self) -> Capsule:
+        """Return a capsule of about the smallest volume that contains all balls, of no link yet.
+
+        For a given axis and radius the ends follow. The axis and the radius are searched for by the method of
+        Nelder and Mead, from those principal axes that are nearly as good as the best.
+        """
+        # only outermost balls touch the capsule: a few hundred suffice to find its axis
+        outer = self.select_outermost()
+        axes, middle, size = _principal_axes(outer)
+        if len(outer.radii) < 3 or size == 0:
+            return _capsule_about_line(self, middle, axes[0], 0.0)
+        volumes = [_capsule_about_line(outer, middle, axis, 0.0).volume for axis in axes]
+        # another principal axis may lead to a smaller capsule where volumes are about equal
+        starts = [np.roll(axes, -k, axis=0) for k in range(3) if volumes[k] <= MAX_START_VOLUME * min(volumes)]
+        optimum = min((_search_axis(outer, start, middle, size) for start in starts), key=itemgetter(0))
+        return _capsule_about_line(self, *optimum[1:])
+
+    def quick_capsule(self) -> Capsule:
+        """Return the smallest of three capsules along the principal axes."""
+        axes, middle, _ = _principal_axes(self)
+        return min((_capsule_about_line(self, middle, axis, 0.0) for axis in axes), key=lambda capsule: capsule.volume)
+
 
 class Capsule(Noun):
     """All points within ``radius`` (m) of the segment from ``start`` to ``end`` (3) in the frame of a body.
@@ -317,30 +340,6 @@ class Capsule(Noun):
         frame = np.eye(4)
         frame[:3, :3], frame[:3, 3] = np.stack((x, np.cross(z, x), z), axis=1), (self.start + self.end) / 2
         return Solid(self.link, self.body, ShapeKind.CAPSULE, (self.radius, length / 2), frame)
-
-
-def fit_capsule(balls: Balls) -> Capsule:
-    """Return a capsule of about the smallest volume that contains all balls, of no link yet.
-
-    For a given axis and radius the ends follow. The axis and the radius are searched for by the method of
-    Nelder and Mead, from those principal axes that are nearly as good as the best.
-    """
-    # only outermost balls touch the capsule: a few hundred suffice to find its axis
-    outer = balls.select_outermost()
-    axes, middle, size = _principal_axes(outer)
-    if len(outer.radii) < 3 or size == 0:
-        return _capsule_about_line(balls, middle, axes[0], 0.0)
-    volumes = [_capsule_about_line(outer, middle, axis, 0.0).volume for axis in axes]
-    # another principal axis may lead to a smaller capsule where volumes are about equal
-    starts = [np.roll(axes, -k, axis=0) for k in range(3) if volumes[k] <= MAX_START_VOLUME * min(volumes)]
-    optimum = min((_search_axis(outer, start, middle, size) for start in starts), key=lambda candidate: candidate[0])
-    return _capsule_about_line(balls, *optimum[1:])
-
-
-def fit_capsule_quickly(balls: Balls) -> Capsule:
-    """Return the smallest of three capsules along the principal axes."""
-    axes, middle, _ = _principal_axes(balls)
-    return min((_capsule_about_line(balls, middle, axis, 0.0) for axis in axes), key=lambda capsule: capsule.volume)
 
 
 def _principal_axes(balls: Balls) -> tuple[Array, Array, float]:

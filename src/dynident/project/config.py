@@ -18,7 +18,7 @@ from dynident.files.yaml_text import load_yaml
 from dynident.identification import SourceFile
 from dynident.models import INERTIAL, CoupledMotor, Joint, Model, RigidBodies, Term
 from dynident.models.friction import PerJoint
-from dynident.project.fields import Channel, Interval, interval_ends, interval_words, read_settings
+from dynident.project.fields import Channel, Interval, interval_ends, interval_words
 from dynident.project.parts import build
 from dynident.project.python_file import CODE, XACRO_CODE, load_from_file, resolve_file, run_user_code
 from dynident.project.settings import AUTO, PLAIN_TERMS, Config, RobotSettings, robot_settings
@@ -176,7 +176,7 @@ def parse_config(
     data = load_yaml(text, source)
     if isinstance(data, dict) and "recipe" in data and "model" not in data:
         raise ConfigError(f"{source}: is the file of a fleet, for `dynident fleet`; a configuration has a `model`.")
-    config = read_settings(Config, data, source, folder=folder, code=folder if allow_code else None)
+    config = Config.read(data, source, folder=folder, code=folder if allow_code else None)
     _keep_files(config, Path(folder))
     return _name_logs(config, source)
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeVar
+from typing import Annotated, Any, Self
 
 from pydantic import (
     BaseModel,
@@ -293,20 +293,17 @@ class Section(BaseModel):
                 raise PydanticCustomError("unknown_key", "{words}", {"words": words})
         return data
 
+    @classmethod
+    def read(cls, data: Any, source: str, **context: Any) -> Self:
+        """Return settings, checked; ConfigError, led by ``source``, that names each place where ``data`` is wrong.
 
-S = TypeVar("S", bound=Section)
-
-
-def read_settings(section: type[S], data: Any, source: str, **context: Any) -> S:
-    """Return settings, checked; ConfigError, led by ``source``, that names each place where ``data`` is wrong.
-
-    In the ``context``, ``folder`` is where relative file names start, and ``code`` where those of Python files do:
-    without it these are refused.
-    """
-    try:
-        return section.model_validate(data, context=context)
-    except ValidationError as error:
-        raise ConfigError(error_text(error, data, source)) from None
+        In the ``context``, ``folder`` is where relative file names start, and ``code`` where those of Python files do:
+        without it these are refused.
+        """
+        try:
+            return cls.model_validate(data, context=context)
+        except ValidationError as error:
+            raise ConfigError(error_text(error, data, source)) from None
 
 
 class Channel(Section):

@@ -27,7 +27,7 @@ from dynident.models import Joint, Model
 from dynident.motion.log import Log
 from dynident.motion.smoothers import Smoother, Spline
 from dynident.project.config import load_model, load_robot
-from dynident.project.fields import read_settings, unit_size
+from dynident.project.fields import unit_size
 from dynident.project.logs import log_spec, read_logs
 from dynident.project.parts import build
 from dynident.project.project import model_source, read_project, stamp
@@ -208,7 +208,7 @@ def read_robot(
     ('leaf.Izz', 'Fv_hinge')
     """
     data = {"file": str(path), "joints": joints, "terms": terms, **settings}
-    return load_robot(read_settings(RobotSettings, data, "read_robot", **HERE))
+    return load_robot(RobotSettings.read(data, "read_robot", **HERE))
 
 
 def read_log(
@@ -258,7 +258,7 @@ def read_log(
         # reading needs only the names and kinds of the joints, no dynamics
         joints = tuple(Joint(joint, _joint_kind(channel.unit)) for joint, channel in log_config.position.items())
     # window and name are checked as those of a configuration are; the file is that of the recording
-    log_options = read_settings(LogSpec, {"file": "-", "window": window, "name": name}, "read_log", **HERE)
+    log_options = LogSpec.read({"file": "-", "window": window, "name": name}, "read_log", **HERE)
     reading = read_logs(
         spec.model_copy(update={"window": log_options.window, "name": log_options.name}), log_config, joints
     )
@@ -285,7 +285,7 @@ def _to_model(
             )
         return (robot if isinstance(robot, Model) else load_model(str(robot))), ()
     settings = {"file": str(robot), "joints": joints, "lock": lock or {}}
-    model = load_model(read_settings(RobotSettings, settings, "identify", **HERE))
+    model = load_model(RobotSettings.read(settings, "identify", **HERE))
     recorded = {name for log in logs for name in log.joints}
     missing = [joint.name for joint in model.joints if joint.name not in recorded]
     # joints that are asked for must be logged; where no joint at all is, the names are at fault
@@ -294,7 +294,7 @@ def _to_model(
     positions = {name: model.limits[name].nearest_to_zero for name in missing}
     settings["lock"] = {**(lock or {}), **positions}
     note = NotLogged(tuple(missing), tuple(positions.values()))
-    return load_model(read_settings(RobotSettings, settings, "identify", **HERE)), (note,)
+    return load_model(RobotSettings.read(settings, "identify", **HERE)), (note,)
 
 
 def _recipe_for(recipe: Recipe | None, model: Model) -> Recipe:
@@ -322,7 +322,7 @@ def _declared_config(path: str | Path, channels: Mapping[str, Any], settings: Ma
         "train": [{"file": str(path)}],
         **settings,
     }
-    return read_settings(Config, data, "read_log", **HERE)
+    return Config.read(data, "read_log", **HERE)
 
 
 def _read_channels(channels: Any, key: str) -> Any:

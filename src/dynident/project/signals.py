@@ -14,14 +14,7 @@ from dynident.files.tables import DataTable
 from dynident.models import Joint
 from dynident.models.simulation import PD, PID, CascadePD, DifferencingLoop, Function, HasTimes
 from dynident.motion.log import Controller
-from dynident.project.drive_settings import (
-    CascadeSettings,
-    FunctionSettings,
-    LoopJoint,
-    LoopSettings,
-    PDJoint,
-    PIDSettings,
-)
+from dynident.project.drive_settings import CascadeSettings, FunctionSettings, LoopJoint, LoopSettings, PIDSettings
 from dynident.project.fields import POSITIONS, TORQUES, VELOCITIES, Angle, Channel, unit_factor
 from dynident.project.settings import Config, LogSpec
 from dynident.runtime import ConfigError, InputError, count
@@ -53,7 +46,7 @@ def column_names(config: Config, spec: LogSpec) -> set[str]:
     names = {config.time.column} if config.time.column else set()
     if isinstance(config.simulation, LoopSettings):
         for loop in config.simulation.joints.values():
-            rate = loop.velocity_reference if isinstance(loop, PDJoint) else None
+            rate = getattr(loop, "velocity_reference", None)
             channels += [loop.reference, *([] if rate is None else [rate])]
             names.add(loop.column(spec.label) or "")
     return names.union(*(channel.terms for channel in channels))

@@ -27,7 +27,6 @@ from dynident.apps.excitation.robot import DURATIONS, read_excitation
 from dynident.models import Box, Cylinder, EmptySpace, Floor, Model, RigidBodies
 from dynident.models.friction import Coulomb, Viscous
 from dynident.project.config import nominal_values
-from dynident.project.fields import read_settings
 from dynident.runtime import ConfigError, InputError, ModelError
 from tests.apps.excitation.arms import LIMITS, MODEL, THETA, TWO
 from tests.cli.commands import settings, write_log
@@ -201,7 +200,7 @@ BOX = {"name": "table", "centre": [0, 0, 0], "size": [1, 1, 1]}
 )
 def test_a_wrong_setting_is_named(given: dict[str, Any], words: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        read_settings(ExcitationSettings, given, "arm.yaml: excitation")
+        ExcitationSettings.read(given, "arm.yaml: excitation")
     assert str(caught.value).startswith("arm.yaml: excitation: ")
     assert words in str(caught.value)
 

@@ -35,7 +35,6 @@ from dynident.files.yaml_text import load_yaml
 from dynident.identification import Identification, SourceFile
 from dynident.models import Box, Cylinder, Distances, EmptySpace, Floor, Geometry, Model, Obstacle, RigidBodies, Space
 from dynident.project.config import config_text, load_model, nominal_values, replace_auto_terms
-from dynident.project.fields import read_settings
 from dynident.project.project import parse_project
 from dynident.project.saved import load
 from dynident.project.settings import RobotSettings, robot_settings
@@ -236,7 +235,7 @@ def _lone_model(data: Any, path: Path) -> Robot | None:
     model = data["model"]
     if not isinstance(model, Mapping):
         return robot_settings(str(model), context) or str(model)
-    return read_settings(RobotSettings, model, f"{path}: model", **context)
+    return RobotSettings.read(model, f"{path}: model", **context)
 
 
 def _motion_settings(
@@ -257,7 +256,7 @@ def _motion_settings(
         changes["packages"] = [
             Path.cwd() / package if isinstance(package, str | Path) else package for package in packages
         ]
-    motion_settings = read_settings(ExcitationSettings, {**defaults, **data, **changes}, place, folder=folder)
+    motion_settings = ExcitationSettings.read({**defaults, **data, **changes}, place, folder=folder)
     for package in motion_settings.packages:
         if not os.path.isdir(package):
             raise ConfigError(f"{place}: packages: there is no folder {str(package)!r}.")

@@ -33,16 +33,7 @@ from dynident.files.tables import INFO_FILE, is_episode
 from dynident.files.text import call_polars
 from dynident.files.yaml_text import load_yaml
 from dynident.project.config import config_text
-from dynident.project.fields import (
-    CountOrEach,
-    Name,
-    Number,
-    Section,
-    TimeOffsetValue,
-    Windows,
-    bounded_reader,
-    read_settings,
-)
+from dynident.project.fields import CountOrEach, Name, Number, Section, TimeOffsetValue, Windows, bounded_reader
 from dynident.project.result_format import section_schema
 from dynident.runtime import ConfigError, InputError, choices, join_names
 
@@ -175,7 +166,7 @@ def read_fleet_settings(path: Path) -> FleetSettings:
     Raises ConfigError with the path of the wrong setting, its value and the choices.
     """
     data = load_yaml(config_text(path), str(path))
-    return read_settings(FleetSettings, data, str(path), folder=path.parent)
+    return FleetSettings.read(data, str(path), folder=path.parent)
 
 
 @dataclass(frozen=True)

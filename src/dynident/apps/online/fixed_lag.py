@@ -207,6 +207,12 @@ class FixedLag:
         """Share (n) that the lag leaves of the error of the motion at the newest sample."""
         return np.array([decay(float(width), self.step) ** self._lag for width in self.bandwidth])
 
+    def motion_at_rest(self, samples: int) -> Motion:
+        """Return a motion at rest, with the joints and the rate of the stream."""
+        t = self.step * np.arange(samples, dtype=np.float64)
+        zeros, usable = np.zeros((samples, len(self.joints))), np.ones(samples, dtype=bool)
+        return Motion(t, zeros, zeros, zeros, zeros, self.joints, usable, SOURCE)
+
     def push(self, t: ArrayLike, q: ArrayLike, tau: ArrayLike) -> tuple[FinalMotion, ...]:
         """Take samples, t (B) s, q and tau (B, n), and return the motion of those that are final, without overlap.
 

@@ -15,15 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dynident.apps.online.fixed_lag import (
-    SOURCE,
-    Context,
-    FinalMotion,
-    FixedLag,
-    StreamSmoothing,
-    cut_motion,
-    join_motions,
-)
+from dynident.apps.online.fixed_lag import Context, FinalMotion, FixedLag, StreamSmoothing, cut_motion, join_motions
 from dynident.apps.online.recursive import RecursiveLeastSquares
 from dynident.estimators import Estimate, Estimator
 from dynident.identification import Identification
@@ -148,7 +140,8 @@ class Tracker:
         offset_samples = math.ceil(abs(self._late) / self.smoother.step) + OFFSET_MARGIN if self._late else 0
         self._shifted = Context(offset_samples, offset_samples)
         # the filter needs its transient before and after the samples that are delivered
-        pad = 0 if self._filter is None else self._filter.pad_samples(self._filter.sections(self._rest_motion(1000)))
+        rest = self.smoother.motion_at_rest(1000)
+        pad = 0 if self._filter is None else self._filter.pad_samples(self._filter.sections(rest))
         self._filtered = Context(pad, pad, 1 if self._filter is None else self._filter.decimate)
         self._memory = Context(OFFSET_MARGIN)  # the last samples, with what the terms remember there
 
@@ -187,19 +180,13 @@ class Tracker:
             own_names = (name for name in state if name.startswith(f"{part}."))
             component_state = {name.removeprefix(f"{part}."): state[name] for name in own_names}
             if isinstance(component, Context):
-                component.restore(component_state, self._rest_motion(2))
+                component.restore(component_state, self.smoother.motion_at_rest(2))
             else:
                 component.restore(component_state)
 
     def _parts(self) -> dict[str, FixedLag | RecursiveLeastSquares | Context]:
         contexts = {"shifted": self._shifted, "filtered": self._filtered, "memory": self._memory}
         return {"smoother": self.smoother, "fit": self.fit, **contexts}
-
-    def _rest_motion(self, samples: int) -> Motion:
-        """Return a motion at rest, with the joints and the rate of the stream."""
-        t = self.smoother.step * np.arange(samples, dtype=np.float64)
-        zeros, usable = np.zeros((samples, len(self.model.joints))), np.ones(samples, dtype=bool)
-        return Motion(t, zeros, zeros, zeros, zeros, self.smoother.joints, usable, SOURCE)
 
     def _complete_blocks(self, motions: Iterable[FinalMotion]) -> tuple[MotionBlock, ...]:
         """Return the blocks that these motions complete, once the fit has taken them."""

@@ -66,6 +66,14 @@ class Combination:
         """Both names."""
         return f"{self.smoother} / {self.estimator}"
 
+    @property
+    def shown_names(self) -> tuple[str, str]:
+        """The names as shown: a line may be broken at a plus sign."""
+        return self.smoother, self.estimator.replace("+", " + ")
+
+    def __str__(self) -> str:
+        return " with ".join(self.shown_names)
+
 
 def smoother_candidates(config: Config, requested: Sequence[str | Smoother] | None = None) -> tuple[Candidate, ...]:
     """Return the configured smoother, then the ``requested`` ones: parts, or kinds with their default settings.

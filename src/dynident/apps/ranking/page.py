@@ -6,14 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from dynident.apps.ranking.ranking import RankedCombination, Ranking, geometric_mean
-from dynident.apps.ranking.report import (
-    display_names,
-    interval_ends,
-    mark_words,
-    ranking_findings,
-    ranking_heading,
-    with_words,
-)
+from dynident.apps.ranking.report import interval_ends, mark_words, ranking_findings, ranking_heading
 from dynident.report import Drawing
 from dynident.report.figures import AMBER, BLUE, GREEN, INK, RED, VIOLET, Trace, panels, plain, trace
 from dynident.report.page import Badge, Column, Facts, Figure, Fold, Head, PageBlock, PageSection, PageTable, render
@@ -234,12 +227,12 @@ def _choice_blocks(ranking: Ranking) -> Iterator[PageBlock]:
     best, choice, configured = ranking.best, ranking.choice, ranking.configured_entry
     facts: list[tuple[str, ...]] = []
     if choice is not None:
-        words = f"{with_words(choice.combination)}; torque error {percent(choice.overall)}"
+        words = f"{choice.combination}; torque error {percent(choice.overall)}"
         facts.append((percent(choice.error), "mean joint error of the one to take", words))
     if best is not None and best is not choice:
-        facts.append((percent(best.error), "least mean joint error", with_words(best.combination)))
+        facts.append((percent(best.error), "least mean joint error", str(best.combination)))
     if configured is not None and configured not in (choice, best) and math.isfinite(configured.error):
-        facts.append((percent(configured.error), "mean joint error of yours", with_words(configured.combination)))
+        facts.append((percent(configured.error), "mean joint error of yours", str(configured.combination)))
     if ranking.has_enough_blocks:
         words = f"of {len(ranking.standings)} with an error"
         facts.append((str(len(ranking.within_chance)), "within chance of the best", words))
@@ -270,7 +263,7 @@ def _combination_table(ranking: Ranking) -> PageTable:
     rows = []
     for row in ranking.standings:
         means = (row.overall, *map(geometric_mean, (row.same_motion, row.cross_validated, row.training)))
-        names = (*display_names(row.combination), mark_words(ranking, row))
+        names = (*row.combination.shown_names, mark_words(ranking, row))
         errors = (number(row.error), *interval_ends(ranking, row), *(number(value, 3) for value in means))
         rows.append((*names, *errors, huge(row.condition), number(row.eigenvalue, 2), number(row.seconds, 2)))
     return PageTable.of((*NAMES, ""), heads, rows, "Relative torque errors, geometric mean over joints")
@@ -282,7 +275,7 @@ def _joint_table(ranking: Ranking) -> PageTable:
     for row in ranking.standings:
         errors = row.ranking_errors(ranking.basis)
         cells = (number(errors.get(joint), 3) for joint in ranking.joints)
-        rows.append((*display_names(row.combination), *cells))
+        rows.append((*row.combination.shown_names, *cells))
     return PageTable.of(NAMES, joints, rows, f"Relative torque error {BASES[ranking.basis]} by joint, %")
 
 
@@ -290,7 +283,7 @@ def _truth_blocks(ranking: Ranking) -> Iterator[PageBlock]:
     heads: list[Head] = ["error, median %", "error, in bounds (rms)", "intervals that hold it", "of"]
     rows = [
         (
-            *display_names(row.combination), number(row.truth.relative, 3),
+            *row.combination.shown_names, number(row.truth.relative, 3),
             number(row.truth.over_bound, 3), str(row.truth.covered), str(row.truth.count),
         )
         for row in ranking.standings
@@ -310,11 +303,11 @@ def _truth_blocks(ranking: Ranking) -> Iterator[PageBlock]:
             )
             cells = ((name, number(error, 3), number(std, 2), unit) for name, error, std, unit in errors)
             table = PageTable.of(("base parameter",), heads, cells)
-            yield Fold(f"Base parameters of {with_words(row.combination)}", (table,))
+            yield Fold(f"Base parameters of {row.combination}", (table,))
 
 
 def _failure_blocks(ranking: Ranking) -> Iterator[PageBlock]:
-    rows = [(*display_names(row.combination), row.outcome.value, row.reason) for row in ranking.failures]
+    rows = [(*row.combination.shown_names, row.outcome.value, row.reason) for row in ranking.failures]
     rows += [(row.smoother or "any", row.estimator or "any", "does not apply", row.reason) for row in ranking.absent]
     reason = Column("reason", numeric=False, prose=True)
     yield PageTable.of((*NAMES, "status"), (reason,), rows, "Combinations without an error, and why")

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from dynident.apps.ranking.config import Combination
 from dynident.apps.ranking.ranking import CombinationOutcome, RankedCombination, Ranking, geometric_mean
 from dynident.report.check import finding_groups
 from dynident.report.page import Column, PageTable
@@ -26,12 +25,7 @@ def ranking_heading(ranking: Ranking) -> str:
     if best is None:
         return "none of the combinations has an estimate"
     errors = f"mean joint error {percent(best.error)}, torque error {percent(best.overall)}"
-    return f"{with_words(best.combination)} predicts the torque best: {errors}"
-
-
-def with_words(combination: Combination) -> str:
-    """Return a combination as text."""
-    return " with ".join(display_names(combination))
+    return f"{best.combination} predicts the torque best: {errors}"
 
 
 def ranking_findings(ranking: Ranking) -> tuple[str, ...]:
@@ -84,7 +78,7 @@ def _chance_lines(ranking: Ranking) -> Iterator[str]:
     elif len(ranking.within_chance) == 1:
         yield "All others are worse by more than chance."
     else:
-        peers = [with_words(row.combination) for row in ranking.within_chance[1:]]
+        peers = [str(row.combination) for row in ranking.within_chance[1:]]
         yield (
             f"{count(len(peers), 'other')} of {len(ranking.standings) - 1} {'is' if len(peers) == 1 else 'are'} as "
             f"good within chance: {join_names(peers, MAX_NAMED)}."
@@ -97,15 +91,15 @@ def _chance_lines(ranking: Ranking) -> Iterator[str]:
     if choice is None:
         return
     if choice is best:
-        yield f"Take {with_words(choice.combination)}{_best_reason(ranking)}."
+        yield f"Take {choice.combination}{_best_reason(ranking)}."
     else:
-        yield f"Take {with_words(choice.combination)} ({percent(choice.error)}): {_choice_reason(ranking)}."
+        yield f"Take {choice.combination} ({percent(choice.error)}): {_choice_reason(ranking)}."
     if not choice.is_physical:
         possible = next((row for row in ranking.standings if row.eigenvalue is not None and row.is_physical), None)
         remedy = (
             ", as are those of all others: take a consistent estimator for simulation and control."
             if possible is None
-            else f": for simulation and control take {with_words(possible.combination)} ({percent(possible.error)}), "
+            else f": for simulation and control take {possible.combination} ({percent(possible.error)}), "
             "the best whose bodies are possible."
         )
         yield f"Its bodies are physically impossible (an eigenvalue below zero){remedy}"
@@ -115,7 +109,7 @@ def _rival_lines(ranking: Ranking) -> Iterator[str]:
     best, rival = ranking.best, ranking.rival
     if best is None or rival is None:
         return
-    names = [with_words(row.combination) for row in (best, rival)]
+    names = [str(row.combination) for row in (best, rival)]
     errors = [[percent(row.error), percent(geometric_mean(row.cross_validated))] for row in (best, rival)]
     yield (
         f"Held-out motion and cross-validation contradict each other: {names[0]} has {errors[0][0]} and "
@@ -175,7 +169,7 @@ def _configured_lines(ranking: Ranking) -> Iterator[str]:
     configured, best = ranking.configured_entry, ranking.best
     if configured is None or best is None or configured is best:
         return
-    name = f"The configuration's own, {with_words(configured.combination)}"
+    name = f"The configuration's own, {configured.combination}"
     if math.isnan(configured.error):
         yield f"{name}, has no estimate: {configured.reason}"
         return
@@ -193,7 +187,7 @@ def _truth_lines(ranking: Ranking) -> Iterator[str]:
     best = min(with_truth, key=lambda row: row.truth.over_bound if row.truth else math.inf)
     if best.truth is not None:
         yield (
-            f"Nearest to the true base parameters is {with_words(best.combination)}: errors of "
+            f"Nearest to the true base parameters is {best.combination}: errors of "
             f"{short(best.truth.over_bound, 2)} times the least standard deviation that any unbiased method can reach "
             f"(rms), {best.truth.covered} of {best.truth.count} intervals of 95 % hold the truth."
         )
@@ -223,7 +217,7 @@ def _gap_lines(ranking: Ranking) -> Iterator[str]:
         # Combinations that failed for one reason are named together
         reasons = dict.fromkeys((row.reason, row.outcome.value) for row in ranking.failures)
         for reason, outcome in list(reasons)[:MAX_NAMED]:
-            names = [with_words(row.combination) for row in ranking.failures if row.reason == reason]
+            names = [str(row.combination) for row in ranking.failures if row.reason == reason]
             yield f"{join_names(names, 2)} ({outcome}): {reason}"
         if len(reasons) > MAX_NAMED:
             yield f"{count(len(reasons) - MAX_NAMED, 'more reason')} in the report, and in what --json writes."
@@ -243,7 +237,7 @@ def ranking_tables(ranking: Ranking, max_rows: int = MAX_ROWS) -> Iterator[PageT
         rows = []
         for row in (*top, *extra):
             figures = (number(row.error, 3), *interval_ends(ranking, row), number(row.seconds, 2))
-            rows.append((*display_names(row.combination), *figures, mark_words(ranking, row)))
+            rows.append((*row.combination.shown_names, *figures, mark_words(ranking, row)))
         interval = (("from", "more than best"), ("to", "more than best"))
         heads = ("mean joint error, %", *interval, "s", Column("", numeric=False))
         omitted, is_held_out = len(ranking.standings) - len(top), ranking.basis == "validation"
@@ -265,11 +259,6 @@ def mark_words(ranking: Ranking, row: RankedCombination) -> str:
     words = ["take" if row is ranking.choice else "", "yours" if row.combination.is_configured else ""]
     words.append(("hardly worse" if ranking.hardly_worse(row) else "worse") if row.is_worse else "")
     return ", ".join(filter(None, words))
-
-
-def display_names(combination: Combination) -> tuple[str, str]:
-    """Return the names as shown: a line may be broken at a plus sign."""
-    return combination.smoother, combination.estimator.replace("+", " + ")
 
 
 def ranking_dict(ranking: Ranking) -> dict[str, Any]:
@@ -305,4 +294,4 @@ def ranking_dict(ranking: Ranking) -> dict[str, Any]:
 
 
 def _name_pair(row: RankedCombination | None) -> list[str] | None:
-    return None if row is None else list(display_names(row.combination))
+    return None if row is None else list(row.combination.shown_names)

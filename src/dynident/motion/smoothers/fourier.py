@@ -23,15 +23,7 @@ from dynident.motion.smoothers.periodic_fit import (
     misfit,
     scatter,
 )
-from dynident.motion.smoothers.smoother import (
-    BY_JOINT,
-    Smoother,
-    at_rest,
-    ends_mask,
-    make_motion,
-    position_noise,
-    with_rest,
-)
+from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, ends_mask, make_motion, position_noise
 from dynident.motion.smoothers.spline import Spline
 from dynident.runtime import InputError, MissingInputError, settings_text
 from dynident.runtime.arrays import Array
@@ -89,7 +81,6 @@ class FourierSeries(Smoother):
         # degrees of freedom of the residual: a sine and a cosine for each harmonic, and the mean
         degrees = len(fit.residual) - 2 * fit.harmonics - 1
         noise = np.sqrt(np.square(fit.residual).sum(axis=0) / np.maximum(degrees, 1))
-        q, dq, ddq = with_rest(at_rest(log.q, q, noise), log.q, (q, dq, ddq))
         start, stop = float(log.t[fit.rows][0] - log.t[0]), float(log.t[-1] - log.t[fit.rows][-1])
         mask = ends_mask(log, start, stop)
         mask[-1] = False
@@ -110,7 +101,7 @@ class FourierSeries(Smoother):
                 for x in fit.residual.T
             ),
         }
-        return make_motion(log, (q, dq, ddq), mask, smoothing)
+        return make_motion(log, (q, dq, ddq), mask, smoothing, at_rest(log.q, q, noise))
 
     def as_used(self, motion: Motion) -> FourierSeries:
         """Return the series with period, harmonics of each joint and ends that it has used for a motion."""

@@ -11,7 +11,7 @@ import numpy as np
 from annotated_types import Ge, Gt
 
 from dynident.motion.log import Log, Motion
-from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, ends_mask, make_motion, with_rest
+from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, ends_mask, make_motion
 from dynident.motion.splines import Fixed, Rule, smooth
 from dynident.motion.splines.banded import EPS, TINY, IllConditionedError
 from dynident.motion.splines.quintic import QuinticSolution, QuinticSystem
@@ -344,8 +344,8 @@ class KalmanSmoother(Smoother):
         # a joint that is smoothed over all of the log is nearly a polynomial, which has no ends to mask
         reach = max(step, min(self.ends * float(widths.max(initial=0.0)) + step, length / 4))
         mask = ends_mask(log, reach, reach)
-        channels = with_rest(rests, log.q, (fit.values, fit.first_derivative, fit.second_derivative))
-        return make_motion(log, channels, mask, self._smoothing_info(fit))
+        channels = fit.values, fit.first_derivative, fit.second_derivative
+        return make_motion(log, channels, mask, self._smoothing_info(fit), rests)
 
     def standard_errors(self, motion: Motion) -> Array:
         """Return those (order, N, n) of q, dq and, with order 3, ddq of a motion that this smoother has made.

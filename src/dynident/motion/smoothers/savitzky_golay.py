@@ -14,7 +14,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from dynident.motion.log import Log, Motion
-from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, make_motion, with_rest
+from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, make_motion
 from dynident.runtime import ConfigError, InputError, setting_text
 from dynident.runtime.arrays import Array
 
@@ -223,7 +223,7 @@ class SavitzkyGolay(Smoother):
         mask = _has_full_window(log.t, widest)
         if not mask.any():
             raise InputError(f"{log.source}: every window of {2 * widest + 1} samples has a gap in it; smooth less.")
-        return make_motion(log, motion, mask, smoothing)
+        return make_motion(log, motion, mask, smoothing, still)
 
     def as_used(self, motion: Motion) -> SavitzkyGolay:
         """Return the smoother with the window, for each joint, that it has used for a motion."""
@@ -242,8 +242,7 @@ class SavitzkyGolay(Smoother):
             noise[joints] = np.sqrt(np.square(residual).mean(axis=0) / max(1.0 - trace / len(log), 1e-3))
         resting = np.array(halves) == 0
         out[0][:, resting], noise[resting] = 0.0, np.std(log.q[:, resting], axis=0)
-        still = at_rest(log.q, out[0], noise) | resting
-        return with_rest(still, log.q, (out[0], out[1], out[2])), noise, still
+        return (out[0], out[1], out[2]), noise, at_rest(log.q, out[0], noise) | resting
 
     def _half_windows(self, log: Log) -> list[int]:
         """Return the number of samples (n) of a window on either side; 0 where the window is infinite."""

@@ -89,9 +89,19 @@ class Smoother(Part, ABC):
 
 
 def make_motion(
-    log: Log, channels: Iterable[Array], mask: NDArray[np.bool_], smoothing: Mapping[str, object]
+    log: Log,
+    channels: Iterable[Array],
+    mask: NDArray[np.bool_],
+    smoothing: Mapping[str, object],
+    still: NDArray[np.bool_] | None = None,
 ) -> Motion:
-    """Return the motion of a log with these new q, dq and ddq (N, n), which are not copied."""
+    """Return the motion of a log with these new q, dq and ddq (N, n), which are not copied.
+
+    Joints that stand ``still`` (n) are at rest at the mean of their measured positions.
+    """
+    if still is not None and still.any():
+        rests = (log.q.mean(axis=0), np.zeros(1), np.zeros(1))
+        channels = [np.where(still, rest_value, part) for rest_value, part in zip(rests, channels, strict=True)]
     q, dq, ddq = map(mark_read_only, channels)
     return Motion(log.t, q, dq, ddq, log.tau, log.joints, mask, log.source, smoothing)
 
@@ -125,15 +135,6 @@ def at_rest(q: Array, smoothed: Array, noise: Array) -> NDArray[np.bool_]:
         count = least_step(q)
         flicker = span <= np.where(np.isfinite(count), 2.001 * count, 0.0)
     return np.asarray((np.ptp(smoothed, axis=0) <= MAX_REST_RATIO * noise) | flicker)
-
-
-def with_rest(still: NDArray[np.bool_], q: Array, motion: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-    """Return q, dq, ddq (N, n) of a motion with the joints at rest at their mean of the measured ``q``."""
-    if not still.any():
-        return motion
-    rests = (q.mean(axis=0), np.zeros(1), np.zeros(1))
-    replaced = [np.where(still, rest_value, part) for rest_value, part in zip(rests, motion, strict=True)]
-    return replaced[0], replaced[1], replaced[2]
 
 
 def least_step(q: Array) -> Array:

@@ -10,15 +10,7 @@ import numpy as np
 from annotated_types import Ge, Gt
 
 from dynident.motion.log import Log, Motion
-from dynident.motion.smoothers.smoother import (
-    BY_JOINT,
-    Smoother,
-    at_rest,
-    ends_mask,
-    make_motion,
-    position_noise,
-    with_rest,
-)
+from dynident.motion.smoothers.smoother import BY_JOINT, Smoother, at_rest, ends_mask, make_motion, position_noise
 from dynident.motion.splines import GCV, REML, RULES, Constraint, Fixed, Interpolation, Rule, smooth
 from dynident.runtime import ConfigError, InputError, setting_text, settings_text, short
 
@@ -145,9 +137,8 @@ class Spline(Smoother):
         smoothing: dict[str, object] = {name: tuple(map(float, getattr(fit, name))) for name in keys}
         smoothing["method"] = self.method
         mask = ends_mask(log, reach, reach)
-        still = at_rest(log.q, fit.values, fit.noise)
-        channels = with_rest(still, log.q, (fit.values, fit.derivative(1), fit.derivative(2)))
-        return make_motion(log, channels, mask, smoothing)
+        channels = fit.values, fit.derivative(1), fit.derivative(2)
+        return make_motion(log, channels, mask, smoothing, at_rest(log.q, fit.values, fit.noise))
 
     def as_used(self, motion: Motion) -> Spline:
         """Return the spline with the lam, for each joint, that it has used for a motion."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.checks.alternatives import better_alternative
 from dynident.checks.low_pass import low_pass_findings
-from dynident.checks.misfit import CASE_SAMPLES, FitCase, Misfit, column_of_joint, fit_cases, measured_case, misfit
+from dynident.checks.misfit import CASE_SAMPLES, FitCase, Misfit, fit_cases, measured_case, misfit
 from dynident.checks.missing import (
     MIN_DELAY,
     Cost,
@@ -77,7 +77,7 @@ def delay_findings(
     )
     for j in np.flatnonzero(likely & (share > MIN_DELAY_SHARE)):
         # the cost is that of correcting the delay in the low-passed fit, which the other causes are measured by, too
-        rate = column_of_joint(fit.case, int(j), -torque_rate(fit, fit.case)[:, j])
+        rate = fit.case.column_of_joint(int(j), -torque_rate(fit, fit.case)[:, j])
         corrected_fit = misfit(replace(fit.case, extra=(rate,), beyond=(np.zeros_like(rate),)), fit.weight.max(axis=0))
         figures = float(delay[j]), float(error[j]), float(share[j])
         name, price = model.joints[j].name, cost(fit, corrected_fit).all
@@ -121,7 +121,7 @@ def _estimate_delays(fit: Misfit, rate: Array) -> tuple[Array, Array, Array]:
     Each share is that of the joint's squared residual. The standard errors are robust to correlated residuals.
     ``rate`` (M, n) is the rate of change of the torque.
     """
-    columns = np.stack([column_of_joint(fit.case, j, -rate[:, j]) for j in range(rate.shape[1])])
+    columns = np.stack([fit.case.column_of_joint(j, -rate[:, j]) for j in range(rate.shape[1])])
     Z = np.moveaxis(fit.orthogonal_part(columns), 0, 2)
     # least squares for all delays at once, with a sandwich estimate of their covariance
     inverse = np.linalg.pinv(np.einsum("mni,mnj->ij", Z, Z), hermitian=True)

@@ -70,6 +70,10 @@ class FitCase(Noun):
         """Return the torque (M, n) of the model with parameters theta (p)."""
         return self.model.torque(**self.states, theta=theta) * self.gain
 
+    def column_of_joint(self, j: int, x: Array) -> Array:
+        """Return columns (M, n) that are x (M) at joint j and zero elsewhere."""
+        return np.where(np.arange(self.q.shape[1]) == j, x[:, None], 0.0)
+
 
 def fit_case(
     model: Model,
@@ -179,11 +183,6 @@ def _low_pass(motion: Motion, cutoff: float, channels: Sequence[str] = ("q", "dq
 def _low_pass_filter(motion: Motion, cutoff: float) -> ParallelFilter | None:
     """Return the low-pass filter, None where the motion is sampled too slowly to contain higher frequencies."""
     return ParallelFilter(cutoff=cutoff) if cutoff <= 0.4 / float(np.diff(motion.t).mean()) else None
-
-
-def column_of_joint(case: FitCase, j: int, x: Array) -> Array:
-    """Return columns (M, n) that are x (M) at joint j and zero elsewhere."""
-    return np.where(np.arange(case.q.shape[1]) == j, x[:, None], 0.0)
 
 
 class ScoreTest(Noun):

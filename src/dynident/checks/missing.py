@@ -9,17 +9,7 @@ from itertools import combinations, pairwise, tee
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks.misfit import (
-    FOLDS,
-    FitCase,
-    Misfit,
-    ScoreTest,
-    column_of_joint,
-    fit_case,
-    measured_case,
-    misfit,
-    steady_mask,
-)
+from dynident.checks.misfit import FOLDS, FitCase, Misfit, ScoreTest, fit_case, measured_case, misfit, steady_mask
 from dynident.checks.motion_notes import OtherPayload
 from dynident.checks.robot_notes import (
     MAX_SIMULATION_COST,
@@ -202,7 +192,8 @@ def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, A
     age = np.linspace(-1.0, 1.0, len(case.q))  # a drift grows linearly over all logs, in their order
     # a delay is one of the log: the torque that the user meets has none
     torque_derivative = torque_rate(fit, case) if case is fit.case else np.zeros_like(case.q)
-    friction_jumps = _has_coulomb(case)
+    is_coulomb = np.array([parameter.role == "coulomb" for parameter in case.model.parameters])
+    friction_jumps = case.torque(is_coulomb.astype(float)).any(axis=0)
     by_motion = motion_shapes(case, rms_speed(fit.case.dq))
     torque, rms_torque = case.torque(fit.theta), np.maximum(np.sqrt(np.mean(fit.torque**2, axis=0)), 1e-12)
     load_ratio = np.minimum(np.abs(torque), np.abs(fit.torque).max(axis=0)) / rms_torque  # beyond, nobody knows
@@ -219,15 +210,15 @@ def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, A
     for kind, shape in shapes.items():
         for j in range(n):
             has_coulomb = kind is TermKind.COULOMB and friction_jumps[j]
-            yield TermKind.SMOOTH if has_coulomb else kind, j, None, 0.0, column_of_joint(case, j, shape(j))
+            yield TermKind.SMOOTH if has_coulomb else kind, j, None, 0.0, case.column_of_joint(j, shape(j))
     for j, ripple_fit in enumerate(ripples):
         if ripple_fit is not None:
-            yield TermKind.RIPPLE, j, None, ripple_fit[0], column_of_joint(case, j, ripple_fit[1])
+            yield TermKind.RIPPLE, j, None, ripple_fit[0], case.column_of_joint(j, ripple_fit[1])
     # the torque of a neighbour shows wrong wiring and coupled drives, in both directions of the chain
     for i, j in (*pairwise(range(n)), *pairwise(range(n - 1, -1, -1))):
-        yield TermKind.NEIGHBOUR, j, i, 0.0, column_of_joint(case, j, torque[:, i])
+        yield TermKind.NEIGHBOUR, j, i, 0.0, case.column_of_joint(j, torque[:, i])
     for i, j in combinations(range(n), 2):
-        column = column_of_joint(case, i, case.ddq[:, j]) + column_of_joint(case, j, case.ddq[:, i])
+        column = case.column_of_joint(i, case.ddq[:, j]) + case.column_of_joint(j, case.ddq[:, i])
         yield TermKind.COUPLED, j, i, 0.0, column
 
 
@@ -239,12 +230,6 @@ def _load_and_friction(fit: Misfit, case: FitCase) -> tuple[Array, Array]:
     is_rigid = is_rigid if is_rigid.any() else ~is_friction
     load, friction = (case.torque(np.where(part, fit.theta, 0.0)) for part in (is_rigid, is_friction))
     return load, friction
-
-
-def _has_coulomb(case: FitCase) -> NDArray[np.bool_]:
-    """Return which joints (n) have Coulomb friction in the model."""
-    coulomb = np.array([parameter.role == "coulomb" for parameter in case.model.parameters])
-    return np.asarray(case.torque(coulomb.astype(float)).any(axis=0))
 
 
 def torque_rate(fit: Misfit, case: FitCase) -> Array:
@@ -375,7 +360,7 @@ def _smooth_friction_width(case: FitCase, fit: Misfit, j: int) -> float:
     # each width is fitted with all parameters of the model free, also the Coulomb friction with its jump
     remaining = {}
     for width in (share * speed for share in SMOOTH_WIDTHS):
-        column = column_of_joint(case, j, np.tanh(case.dq[:, j] / width))
+        column = case.column_of_joint(j, np.tanh(case.dq[:, j] / width))
         smooth_fit = misfit(replace(case, extra=(*case.extra, column)), fit.weight.max(axis=0))
         remaining[width] = float(mean_square(smooth_fit)[j])
     best = min(remaining, key=lambda width: remaining[width])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dynident.checks import robot_notes
-from dynident.checks.misfit import MAX_CUTOFF, FitCase, Misfit, ScoreTest, column_of_joint, misfit
+from dynident.checks.misfit import MAX_CUTOFF, FitCase, Misfit, ScoreTest, misfit
 from dynident.checks.robot_notes import Rival, SuspectedValue, SuspectQuantity, TermKind
 from dynident.checks.torque import rms_speed
 from dynident.models import Joint, Model
@@ -51,7 +51,7 @@ class Suspect(Noun):
         """Return that of the torque (M, n) at the fitted parameters: exact of a gain, else by a forward difference."""
         if self.quantity is SuspectQuantity.GAIN:
             j = [joint.name for joint in fit.case.model.joints].index(str(self.joint))
-            return column_of_joint(fit.case, j, fit.torque[:, j])
+            return fit.case.column_of_joint(j, fit.torque[:, j])
         torque = self.correct_case(fit.case, DIFFERENCE_STEP).torque(fit.theta)
         return np.asarray((torque - fit.torque) / DIFFERENCE_STEP)
 
@@ -168,7 +168,7 @@ def _own_effects(fit: Misfit, j: int) -> list[Array]:
     shapes = [shape(j) for shape in motion_shapes(case, rms_speed(case.dq)).values()]
     if ripple is not None:
         shapes += [wave(2 * np.pi / ripple[0] * case.q[:, j]) for wave in (np.sin, np.cos)]
-    return [column_of_joint(case, j, x) for x in shapes]
+    return [case.column_of_joint(j, x) for x in shapes]
 
 
 MAX_LOG_GAIN = 3.0  # natural logarithm of a gain: a factor of 20

@@ -11,7 +11,6 @@ from dynident.apps.fleets.components import (
     VarianceComponents,
     blocks_of,
     scatter_of,
-    solve_gls,
     variance_components,
     whiten,
 )
@@ -227,7 +226,7 @@ def test_a_direction_that_is_not_shown_says_nothing() -> None:
     case, two = (variance_components(sets, BLOCKS, inflate=True) for sets in (hidden, changed))
     np.testing.assert_allclose(case.covariance, two.covariance, rtol=1e-3)
     assert case.covariance[2, 2] == 0.0
-    run = solve_gls(hidden[0], case)
+    run = hidden[0].solve(case)
     assert np.isfinite(run.value).all()
     assert run.covariance[2, 2] == 0.0
 
@@ -236,7 +235,7 @@ def test_solved_is_generalised_least_squares() -> None:
     (history,) = fleet(np.random.default_rng(6), 1, 5)
     parts = VarianceComponents((np.arange(B),), np.diag(np.full(B, 1e-3)), 2.0)
     W = np.linalg.inv(2.0 * np.linalg.inv(history.information) + parts.covariance)
-    run = solve_gls(whiten(history.value, history.information), parts)
+    run = whiten(history.value, history.information).solve(parts)
     expected = np.linalg.solve(W.sum(axis=0), np.einsum("kij,kj->i", W, history.value))
     np.testing.assert_allclose(run.value, expected, rtol=1e-8)
     np.testing.assert_allclose(run.covariance, np.linalg.inv(W.sum(axis=0)), rtol=1e-6)

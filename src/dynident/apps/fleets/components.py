@@ -53,6 +53,38 @@ class WhitenedVectors(Noun):
     is_shown: NDArray[np.bool_]
     design: Array
 
+    def solve(self, variances: VarianceComponents, weights: Array | None = None) -> GlsSolution:
+        """Solve for c by generalised least squares; ``weights`` (K) divide the covariances of the vectors."""
+        G, b = self.factor, self.factor.shape[1]
+        # N_k^-1, of the covariance N_k = s^2 I + G_k V G_k' of the whitened rows
+        inverse = np.linalg.inv(variances.inflation * np.eye(b) + G @ variances.covariance @ G.swapaxes(1, 2))
+        if weights is not None:
+            inverse = weights[:, None, None] * inverse
+        X = G @ self.design
+        NX = inverse @ X
+        covariance = pseudo_inverse(np.einsum("kiq,kip->qp", X, NX))
+        c = covariance @ np.einsum("kiq,ki->q", NX, self.value)
+        e = self.value - X @ c
+        n = np.einsum("kij,kj->ki", inverse, e)
+        # the fit of c takes its share of the residuals, so that their expected squares are smaller
+        hat = NX @ covariance @ NX.swapaxes(1, 2)
+        residual_precision = inverse - hat
+        expected_noise = (np.einsum("kii->ki", residual_precision) * self.is_shown).sum(axis=1)
+        noise = np.stack([(n**2).sum(axis=1), expected_noise], axis=1)
+        expected = G.swapaxes(1, 2) @ residual_precision @ G
+        return GlsSolution(c, covariance, np.einsum("kij,ki->kj", G, n), expected, noise, (e * n).sum(axis=1))
+
+    def robust_weights(self, variances: VarianceComponents) -> Array:
+        """Return a weight (K) below one for each vector that is farther from the mean than chance."""
+        weights = np.ones(len(self.value))
+        dof = self.is_shown.sum(axis=1)
+        # distances are measured from a mean that depends on the weights, so both are iterated
+        for _ in range(10):
+            distance = self.solve(variances, weights).distance / weights
+            # a chi-square distance has the mean dof and the variance 2 dof
+            weights = np.minimum(1.0, (dof + MAX_DEVIATION * np.sqrt(2.0 * dof)) / np.maximum(distance, 1e-300))
+        return weights
+
 
 class VarianceComponents(Noun):
     """The covariance (b, b) of deviations, by ``blocks`` of parameters, and the factor s^2 on the covariances C_k."""
@@ -101,28 +133,6 @@ def pseudo_inverse(matrix: Array) -> Array:
     return np.asarray(half @ half.T)
 
 
-def solve_gls(vectors: WhitenedVectors, variances: VarianceComponents, weights: Array | None = None) -> GlsSolution:
-    """Solve for c by generalised least squares; ``weights`` (K) divide the covariances of the vectors."""
-    G, b = vectors.factor, vectors.factor.shape[1]
-    # N_k^-1, of the covariance N_k = s^2 I + G_k V G_k' of the whitened rows
-    inverse = np.linalg.inv(variances.inflation * np.eye(b) + G @ variances.covariance @ G.swapaxes(1, 2))
-    if weights is not None:
-        inverse = weights[:, None, None] * inverse
-    X = G @ vectors.design
-    NX = inverse @ X
-    covariance = pseudo_inverse(np.einsum("kiq,kip->qp", X, NX))
-    c = covariance @ np.einsum("kiq,ki->q", NX, vectors.value)
-    e = vectors.value - X @ c
-    n = np.einsum("kij,kj->ki", inverse, e)
-    # the fit of c takes its share of the residuals, so that their expected squares are smaller
-    hat = NX @ covariance @ NX.swapaxes(1, 2)
-    residual_precision = inverse - hat
-    expected_noise = (np.einsum("kii->ki", residual_precision) * vectors.is_shown).sum(axis=1)
-    noise = np.stack([(n**2).sum(axis=1), expected_noise], axis=1)
-    expected = G.swapaxes(1, 2) @ residual_precision @ G
-    return GlsSolution(c, covariance, np.einsum("kij,ki->kj", G, n), expected, noise, (e * n).sum(axis=1))
-
-
 def variance_components(
     sets: Sequence[WhitenedVectors],
     blocks: Sequence[ParameterBlock],
@@ -140,25 +150,12 @@ def variance_components(
     for _ in range(MAX_ITERATIONS):
         # one set has no robots to bound, so that its single vectors are weighted instead
         solutions = [
-            solve_gls(vectors, current, robust_weights(vectors, current) if len(sets) == 1 else None)
-            for vectors in sets
+            vectors.solve(current, vectors.robust_weights(current) if len(sets) == 1 else None) for vectors in sets
         ]
         previous, current = current, _update_components(_robot_sums(solutions), current, inflate, avoid_zero)
         if _relative_change(previous, current, solutions) < CONVERGENCE_TOLERANCE:
             break
     return current
-
-
-def robust_weights(vectors: WhitenedVectors, variances: VarianceComponents) -> Array:
-    """Return a weight (K) below one for each vector that is farther from the mean than chance."""
-    weights = np.ones(len(vectors.value))
-    dof = vectors.is_shown.sum(axis=1)
-    # distances are measured from a mean that depends on the weights, so both are iterated
-    for _ in range(10):
-        distance = solve_gls(vectors, variances, weights).distance / weights
-        # a chi-square distance has the mean dof and the variance 2 dof
-        weights = np.minimum(1.0, (dof + MAX_DEVIATION * np.sqrt(2.0 * dof)) / np.maximum(distance, 1e-300))
-    return weights
 
 
 class _RobotSums(Noun):

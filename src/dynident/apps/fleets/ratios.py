@@ -82,7 +82,10 @@ class LikelihoodRatios(Noun):
         for start in range(0, draws.count, chunk):
             count = min(chunk, draws.count - start)
             noise = self._draw_rows(draws, count)
-            drawn.append(self._clearest_evidence(basis, noise, self._draw_variance_factors(draws.rng, count))[0])
+            # variances that were estimated: F instead of chi-square
+            dof = self._variance_dof()
+            factors = dof / draws.rng.chisquare(dof, (count, len(dof)))
+            drawn.append(self._clearest_evidence(basis, noise, factors)[0])
         p_value = float((1 + (np.concatenate(drawn) >= observed[0]).sum()) / (draws.count + 1))
         return (best, p_value) if best else (None, 1.0)
 
@@ -103,11 +106,6 @@ class LikelihoodRatios(Noun):
             return rng.standard_normal((count, *self.value.shape))
         errors = pool[rng.integers(len(pool), size=(logs, count))] * rng.choice([-1.0, 1.0], size=(logs, count, 1))
         return np.asarray((errors @ self.rotations.swapaxes(1, 2)).swapaxes(0, 1))
-
-    def _draw_variance_factors(self, rng: np.random.Generator, draws: int) -> Array:
-        """Return factors (N, groups) on the gains, as of variances that were estimated: F instead of chi-square."""
-        dof = self._variance_dof()
-        return np.asarray(dof / rng.chisquare(dof, (draws, len(dof))))
 
     def _variance_dof(self) -> Array:
         """Return the degrees of freedom (groups) that the scatter has in the directions of each group.

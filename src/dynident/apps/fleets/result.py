@@ -10,16 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.apps.fleets.changes import Change, Changes, design
-from dynident.apps.fleets.components import (
-    History,
-    Scatter,
-    blocks_of,
-    pseudo_inverse,
-    robust_weights,
-    solve_gls,
-    variance_components,
-    whiten,
-)
+from dynident.apps.fleets.components import History, Scatter, blocks_of, pseudo_inverse, variance_components, whiten
 from dynident.models import Joint, Model
 from dynident.regression import BaseParameters, GroupKind, ParameterGroup
 from dynident.runtime import Noun, brief
@@ -81,8 +72,8 @@ def pool_robots(
     vectors = whiten(values, information)
     variances = variance_components([vectors], blocks_of(groups, values.shape[1]), avoid_zero=True)
     # robots unlike the others count less for the mean
-    weights = robust_weights(vectors, variances)
-    solution = solve_gls(vectors, variances, weights)
+    weights = vectors.robust_weights(variances)
+    solution = vectors.solve(variances, weights)
     robots = []
     for history, value, precision in zip(histories, values, information, strict=True):
         entry, share = _robot_posterior(history.robot, value, precision, solution.value, variances.covariance)
@@ -94,7 +85,7 @@ def pool_robots(
 def baseline(history: History, scatter: Scatter, changes: Sequence[Change] = ()) -> tuple[Array, Array]:
     """Return the base parameters (b) of a robot before its changes from all its logs, and their information (b, b)."""
     b = history.value.shape[1]
-    solution = solve_gls(whiten(history.value, history.information, design(history, changes)), scatter)
+    solution = whiten(history.value, history.information, design(history, changes)).solve(scatter)
     # the first b columns of the design are the parameters before all changes
     return solution.value[:b], pseudo_inverse(solution.covariance[:b, :b])
 

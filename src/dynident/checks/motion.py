@@ -172,6 +172,8 @@ def excitation(motions: Sequence[Motion], joint: str) -> Excitation:
         for name in ("q", "dq", "ddq", "tau")
     )
     peak = _peak(dq)
+    # the sign of a speed below a share of the peak is that of noise
+    fast = [x[np.abs(x) > SLOW_SPEED_SHARE * peak] for x in (motion.dq[:, j][motion.mask] for motion, j in rows)]
     return Excitation(
         joint=joint,
         lower=float(q.min()),
@@ -180,7 +182,7 @@ def excitation(motions: Sequence[Motion], joint: str) -> Excitation:
         rms_speed=_rms(dq),
         peak_acceleration=_peak(ddq),
         rms_acceleration=_rms(ddq),
-        reversals=sum(_reversal_count(motion.dq[:, j][motion.mask], SLOW_SPEED_SHARE * peak) for motion, j in rows),
+        reversals=sum(int(np.count_nonzero(np.diff(np.sign(x)))) for x in fast),
         slow=float(np.mean(np.abs(dq) < SLOW_SPEED_SHARE * peak)) if peak > 0 else 1.0,
         torque=_peak(tau),
     )
@@ -193,11 +195,6 @@ def _peak(x: Array) -> float:
 
 def _rms(x: Array) -> float:
     return float(np.sqrt(np.mean(x**2)))
-
-
-def _reversal_count(dq: Array, floor: float) -> int:
-    """Return how often the velocity changes sign, with speeds below ``floor`` ignored, whose sign is that of noise."""
-    return int(np.count_nonzero(np.diff(np.sign(dq[np.abs(dq) > floor]))))
 
 
 def hardly_moving_findings(excitations: Sequence[Excitation], model: Model) -> Iterator[Finding]:

@@ -18,7 +18,7 @@ from dynident.files.yaml_text import load_yaml
 from dynident.identification import SourceFile
 from dynident.models import INERTIAL, CoupledMotor, Joint, Model, RigidBodies, Term
 from dynident.models.friction import PerJoint
-from dynident.project.fields import Channel, Interval, interval_ends, interval_words
+from dynident.project.fields import Channel, interval_ends, interval_words
 from dynident.project.parts import build
 from dynident.project.python_file import CODE, XACRO_CODE, load_from_file, resolve_file, run_user_code
 from dynident.project.settings import AUTO, PLAIN_TERMS, Config, RobotSettings, robot_settings
@@ -223,18 +223,13 @@ def _overlap_warnings(config: Config) -> Iterator[str]:
     """Return warnings on validation logs that overlap in time with a training log; windows may touch."""
     for validation_log, training_log in product(config.validation, config.train):
         if set(map(real_path, validation_log.file.values())) & set(map(real_path, training_log.file.values())):
-            pairs = product(validation_log.window or ((None, None),), training_log.window or ((None, None),))
-            if any(_has_overlap(held_out_window, training_window) for held_out_window, training_window in pairs):
+            windows = (map(interval_ends, log.window or ((None, None),)) for log in (validation_log, training_log))
+            if any(max(a, b) < min(c, d) for (a, c), (b, d) in product(*windows)):
                 yield (
                     f"validation {validation_log.label!r} overlaps in time with train {training_log.label!r} of the "
                     "same file: its errors are no test of samples that the fit has not seen; choose windows that do "
                     "not overlap."
                 )
-
-
-def _has_overlap(held_out_window: Interval, training_window: Interval) -> bool:
-    starts, stops = zip(interval_ends(held_out_window), interval_ends(training_window), strict=True)
-    return max(starts) < min(stops)
 
 
 def _name_logs(config: Config, source: str) -> Config:

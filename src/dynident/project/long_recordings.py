@@ -224,14 +224,11 @@ def saves_memory(config: Config) -> bool:
 
     All of its files can then be read so. Raises InputError where a Parquet file cannot be read.
     """
-    files = [list(spec.file.items()) for spec in config.train]
-    in_parquet = all(len(pairs) == 1 and pairs[0][0] == "" and _is_parquet(pairs[0][1]) for pairs in files)
+    has_one_file = all(list(spec.file) == [""] for spec in config.train)
+    parts = (part for spec in config.train for path in spec.file.values() for part in recording_parts(path))
+    in_parquet = has_one_file and all(part.suffix.lower() == PARQUET for part in parts)
     wraps = any(channel.wraps for channel in config.position.values())
     return in_parquet and not wraps and _training_bytes(config) > MAX_BYTES_AT_ONCE
-
-
-def _is_parquet(path: Path) -> bool:
-    return all(part.suffix.lower() == PARQUET for part in recording_parts(path))
 
 
 def _training_bytes(config: Config) -> int:

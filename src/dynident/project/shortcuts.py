@@ -256,7 +256,10 @@ def read_log(
         log_config = _declared_config(path, {"time": time, "position": position, "torque": torque}, settings)
         spec = log_config.train[0]
         # reading needs only the names and kinds of the joints, no dynamics
-        joints = tuple(Joint(joint, _joint_kind(channel.unit)) for joint, channel in log_config.position.items())
+        joints = tuple(
+            Joint(joint, "prismatic" if unit_size(channel.unit, "length") else "revolute")
+            for joint, channel in log_config.position.items()
+        )
     # window and name are checked as those of a configuration are; the file is that of the recording
     log_options = LogSpec.read({"file": "-", "window": window, "name": name}, "read_log", **HERE)
     reading = read_logs(
@@ -341,7 +344,3 @@ def _read_channel(channel: Any, where: str, example: str) -> Any:
     raise ConfigError(
         f"read_log: {where} is {channel!r}; give a column and its unit, such as ({channel!r}, {example!r})."
     )
-
-
-def _joint_kind(unit: str) -> Literal["revolute", "prismatic"]:
-    return "prismatic" if unit_size(unit, "length") else "revolute"

@@ -150,17 +150,6 @@ def reach_bounds(bodies: RigidBodies, body: int, radius: float) -> Array:
     return out
 
 
-def distance_rate_bounds(bodies: RigidBodies, part_reaches: Array, pairs: Integers) -> Array:
-    """Return by how much (P, n) the distances of ``pairs`` (P, 2) of parts change at most with the joints.
-
-    ``part_reaches`` (parts, B) are the ``reach_bounds`` of the parts. A body that carries both moves them alike.
-    """
-    first, second = part_reaches[pairs.T]
-    # a joint that carries both parts moves them alike and does not change their distance
-    rates = np.where((first > 0) & (second > 0), 0.0, first + second)
-    return np.asarray(rates @ np.abs(bodies.arm.drive))
-
-
 def _max_travel(bodies: RigidBodies) -> Array:
     """Return how far (B) the positions of the bodies are from 0 at most."""
     limits = [bodies.limits[joint.name] for joint in bodies.joints]
@@ -198,8 +187,10 @@ class CapsuleSpace(Noun):
         ]
         radii += [0.0] * len(self.obstacles)  # they do not move
         reaches = [reach_bounds(self.bodies, body, r) for body, r in zip(self._part_bodies, radii, strict=True)]
-        part_reaches = np.reshape(reaches, (-1, len(self.bodies.arm.bodies)))
-        return SMOOTHING_FACTOR * distance_rate_bounds(self.bodies, part_reaches, self.watched)
+        first, second = np.reshape(reaches, (-1, len(self.bodies.arm.bodies)))[self.watched.T]
+        # a joint that carries both parts moves them alike and does not change their distance
+        rates = np.where((first > 0) & (second > 0), 0.0, first + second)
+        return np.asarray(SMOOTHING_FACTOR * (rates @ np.abs(self.bodies.arm.drive)))
 
     @property
     def left_out(self) -> tuple[tuple[str, str], ...]:

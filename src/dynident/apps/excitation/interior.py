@@ -149,7 +149,10 @@ class Interior(Noun):
         state_gradients = np.zeros_like(states)
         state_gradients[:3] = criterion_gradients
         # sum of the torque times weights: one pass of derivatives for all torque limits
-        self._add_torque(state_gradients, states, share * (1.0 / push[0] - 1.0 / push[1]) / self.limits.torque)
+        torque_weights = share * (1.0 / push[0] - 1.0 / push[1]) / self.limits.torque
+        if torque_weights.any():
+            for k, partial in enumerate(self.torque_partials(states)):
+                state_gradients[k] += np.einsum("ij,ijk->ik", torque_weights, partial)
         if gaps.size:
             state_gradients[0] -= share * np.einsum(
                 "ip,ipj->ij", BARRIER_DISTANCE / (gaps * (gaps + BARRIER_DISTANCE)), distance_gradients
@@ -209,13 +212,6 @@ class Interior(Noun):
         pose = np.zeros_like(x)
         pose[:, 0] = (self.functions[0] @ x.T).mean(axis=0)
         return pose
-
-    def _add_torque(self, state_gradients: Array, states: Array, weights: Array) -> None:
-        """Add the derivatives of the sum of ``weights`` (N, n) times the torque."""
-        if not weights.any():
-            return
-        for k, partial in enumerate(self.torque_partials(states)):
-            state_gradients[k] += np.einsum("ij,ijk->ik", weights, partial)
 
     @cached_property
     def _rows(self) -> Array:

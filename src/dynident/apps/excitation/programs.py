@@ -291,10 +291,11 @@ class _Tour(Noun):
 
         Stops that no path leads to are left out; those that remain are in their order of importance.
         """
-        tour, remaining = [0], set(stops)
+        tour, remaining, velocity = [0], set(stops), self.feasible.limits.velocity
         while remaining:
             # nearest neighbour: not the shortest tour, but near it and cheap
-            nearest = min(remaining, key=lambda k: self._travel_time(tour[-1], k))
+            place = self._stop_pose(tour[-1])
+            nearest = min(remaining, key=lambda k: np.abs((self._stop_pose(k) - place) / velocity).max())
             remaining.remove(nearest)
             if self._path(tour[-1], nearest) is not None:
                 tour.append(nearest)
@@ -310,9 +311,6 @@ class _Tour(Noun):
 
     def _stop_pose(self, k: int) -> Array:
         return self.visits[k - 1][0].pose if k else self.home
-
-    def _travel_time(self, origin: int, target: int) -> float:
-        return float(np.abs((self._stop_pose(target) - self._stop_pose(origin)) / self.feasible.limits.velocity).max())
 
     def _path(self, origin: int, target: int) -> tuple[Piece, ...] | None:
         if (origin, target) not in self.paths:

@@ -102,10 +102,6 @@ class Equations(Noun):
         """Second derivatives (m n, r) by C and the parameters, (m n, 0) where not requested."""
         return self.side[:, len(self.corner) + 1 :]
 
-    def with_mixed_hessian(self, mixed_hessian: Array) -> Equations:
-        """Return the equations with given second derivatives (m n, r), which they must not have yet."""
-        return replace(self, side=np.concatenate([self.side, mixed_hessian], axis=1))
-
 
 class _EquationBlock(Noun):
     """A block of intervals at a state.
@@ -341,7 +337,10 @@ class Likelihood(Noun):
         normal_equations = self.equations(states, theta, mixed_hessian=mixed_hessian and not previous)
         if not previous:
             return normal_equations
-        return [new.with_mixed_hessian(old.mixed_hessian) for new, old in zip(normal_equations, previous, strict=True)]
+        return [
+            replace(new, side=np.concatenate([new.side, old.mixed_hessian], axis=1))
+            for new, old in zip(normal_equations, previous, strict=True)
+        ]
 
     def trajectory_equations(self, states: Sequence[State], theta: Array) -> list[Equations]:
         """Return the normal equations of each segment for its trajectory alone, which need no regressor."""

@@ -97,14 +97,14 @@ class Rank(Noun):
         out[undetermined, undetermined] = np.inf
         return out
 
-    def with_information(self, information: Array) -> Rank:
+    def with_information(self, information: Array, tolerance: float = SQUARED) -> Rank:
         """Return the rank of an information matrix (p, p) on the determined directions; the others remain free."""
         directions = self.vectors[:, : self.rank]
         squares, turn = np.linalg.eigh(directions.T @ (information / np.outer(self.scale, self.scale)) @ directions)
         squares, turn = squares[::-1], turn[:, ::-1]
         values = np.concatenate([np.sqrt(np.maximum(squares, 0.0)), np.zeros(len(self.scale) - self.rank)])
         vectors = np.concatenate([directions @ turn, self.vectors[:, self.rank :]], axis=1)
-        retained = int((squares > SQUARED * squares[0]).sum()) if self.rank and squares[0] > 0 else 0
+        retained = int((squares > tolerance * squares[0]).sum()) if self.rank and squares[0] > 0 else 0
         return Rank(retained, self.scale, values, vectors, vectors, self.tolerance, self.unweighted)
 
 
@@ -160,12 +160,15 @@ def rank_of(
     return Rank(rank, scale, values, U, vectors, limit, unweighted)
 
 
-def rank_of_information(information: Array, parameters: Sequence[Parameter] = ()) -> Rank:
-    """Return the rank of an information matrix X' X (p, p), which has half of the digits of X."""
+def rank_of_information(information: Array, parameters: Sequence[Parameter] = (), tolerance: float = SQUARED) -> Rank:
+    """Return the rank of an information matrix X' X (p, p), which has half of the digits of X.
+
+    ``tolerance``: share of the largest eigenvalue that counts as zero, with ones on the diagonal.
+    """
     p = len(information)
     scale, empty = _column_scales(np.sqrt(np.maximum(np.diag(information), 0.0)), parameters)
     full_rank = Rank(p, scale, np.ones(p), np.eye(p), np.eye(p), precision(parameters))
-    return full_rank.with_information(np.where(empty | empty[:, None], 0.0, information))
+    return full_rank.with_information(np.where(empty | empty[:, None], 0.0, information), tolerance)
 
 
 def _column_scales(effect: Array, parameters: Sequence[Parameter]) -> tuple[Array, NDArray[np.bool_]]:

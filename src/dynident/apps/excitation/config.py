@@ -26,12 +26,12 @@ from dynident.project.fields import (
     bounded_reader,
     whole_number_reader,
 )
+from dynident.regression import rank_of_information
 from dynident.runtime import ConfigError, Noun, WordedEnum, as_number, choices
 from dynident.runtime.arrays import Array
 
 NOISE_SHARE = 0.01  # of a joint's torque limit: noise where nothing is known of it
 DEFAULT_NOISE = 1.0  # N m or N, where there is no limit either
-RANK_TOLERANCE = 1e-12  # of a covariance with ones on its diagonal
 
 
 def _read_seed(value: object) -> int:
@@ -176,14 +176,7 @@ def knowledge_of_result(identification: Identification) -> PriorKnowledge:
         return replace(prior, loss_reason="it has no covariance of base parameters; identify again")
     basis = identification.base.on_data
     B = np.eye(len(model.parameters)) if basis is None else basis.combination
-    # scaled to a unit diagonal, so that the tolerance of the pseudo-inverse does not depend on units
-    has_variance = np.diag(covariance) > 0
-    std = np.sqrt(np.diag(covariance)[has_variance])
-    inverse = np.linalg.pinv(
-        covariance[np.ix_(has_variance, has_variance)] / np.outer(std, std), rcond=RANK_TOLERANCE, hermitian=True
-    )
-    rows = B[has_variance] / std[:, None]
-    return replace(prior, information=rows.T @ inverse @ rows)
+    return replace(prior, information=B.T @ rank_of_information(covariance).inverse @ B)
 
 
 def torque_noise(

@@ -13,12 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.regression import GroupKind, ParameterGroup
+from dynident.regression import GroupKind, ParameterGroup, rank_of_information
 from dynident.runtime import InputError, Noun
 from dynident.runtime.arrays import Array
 
 ParameterBlock = NDArray[np.intp]
-MIN_INFORMATION_SHARE = 1e-10  # a direction with less of the largest information, in scaled parameters, is not shown
+MIN_INFORMATION = 1e-10  # of the largest: a direction with less, in scaled parameters, is not shown
 MAX_ITERATIONS, CONVERGENCE_TOLERANCE = 80, 0.01  # of the iteration, until no component changes by more
 MAX_DEVIATION = 3.0  # standard deviations of a mean square above one at which it is bounded
 
@@ -62,7 +62,8 @@ class WhitenedVectors(Noun):
             inverse = weights[:, None, None] * inverse
         X = G @ self.design
         NX = inverse @ X
-        covariance = pseudo_inverse(np.einsum("kiq,kip->qp", X, NX))
+        information = np.einsum("kiq,kip->qp", X, NX)
+        covariance = rank_of_information(information, tolerance=MIN_INFORMATION).inverse
         c = covariance @ np.einsum("kiq,ki->q", NX, self.value)
         e = self.value - X @ c
         n = np.einsum("kij,kj->ki", inverse, e)
@@ -116,21 +117,11 @@ def whiten(value: Array, information: Array, design: Array | None = None) -> Whi
     root_information = np.sqrt(np.einsum("kii->ki", information))
     scale = np.where(root_information > 0, root_information, 1.0)
     roots, vectors = np.linalg.eigh(information / (scale[:, :, None] * scale[:, None, :]))
-    is_shown = roots > MIN_INFORMATION_SHARE * roots[:, -1:].clip(min=0.0)
+    is_shown = roots > MIN_INFORMATION * roots[:, -1:].clip(min=0.0)
     size = np.sqrt(np.where(is_shown, roots, 0.0))
     factor = size[:, :, None] * vectors.swapaxes(1, 2) * root_information[:, None, :]
     mean = np.broadcast_to(np.eye(value.shape[1]), information.shape)
     return WhitenedVectors(factor, np.einsum("kij,kj->ki", factor, value), is_shown, mean if design is None else design)
-
-
-def pseudo_inverse(matrix: Array) -> Array:
-    """Return the inverse of an information matrix (q, q) on the directions that it shows, zero on the others."""
-    scale = np.sqrt(np.diag(matrix))
-    scale = np.where(scale > 0, scale, 1.0)
-    roots, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    is_shown = roots > MIN_INFORMATION_SHARE * max(roots[-1], 0.0)
-    half = vectors[:, is_shown] / np.sqrt(roots[is_shown]) / scale[:, None]
-    return np.asarray(half @ half.T)
 
 
 def variance_components(
@@ -249,7 +240,8 @@ def _initial_components(sets: Sequence[WhitenedVectors], blocks: tuple[Parameter
     for vectors in sets:
         # how much each vector shows of a parameter
         precision = np.einsum("kij,kij->kj", vectors.factor, vectors.factor)
-        y = np.array([pseudo_inverse(G.T @ G) @ G.T @ z for G, z in zip(vectors.factor, vectors.value, strict=True)])
+        ranks = [rank_of_information(G.T @ G, tolerance=MIN_INFORMATION) for G in vectors.factor]
+        y = np.array([rank.inverse @ G.T @ z for rank, G, z in zip(ranks, vectors.factor, vectors.value, strict=True)])
         mean = (precision * y).sum(axis=0) / np.maximum(precision.sum(axis=0), 1e-300)
         total = total + (precision * (y - mean) ** 2 + (precision > 0)).sum(axis=0)
         weight = weight + precision.sum(axis=0) * (1 - 1 / max(len(y), 2))

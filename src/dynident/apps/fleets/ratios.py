@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps.fleets.components import History, Scatter, pseudo_inverse, whiten
-from dynident.regression import ParameterGroup, evidence
+from dynident.apps.fleets.components import MIN_INFORMATION, History, Scatter, whiten
+from dynident.regression import ParameterGroup, evidence, rank_of_information
 from dynident.runtime import Noun
 from dynident.runtime.arrays import Array
 
@@ -153,7 +153,7 @@ class LikelihoodRatios(Noun):
         scale = np.linalg.norm(X, axis=0)
         X, scale = X / np.where(scale > 0, scale, 1.0), np.where(scale > 0, scale, 1.0)
         information = X.T @ X
-        covariance = pseudo_inverse(information)
+        covariance = rank_of_information(information, tolerance=MIN_INFORMATION).inverse
         # the pseudo-inverse times the information has ones on its diagonal only for sizes that the logs show
         is_shown = np.abs(np.diag(covariance @ information) - 1) < 1e-6
         size = covariance @ (X.T @ self.value.ravel()) / scale

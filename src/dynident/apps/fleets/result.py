@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.apps.fleets.changes import Change, Changes, design
-from dynident.apps.fleets.components import History, Scatter, blocks_of, pseudo_inverse, variance_components, whiten
+from dynident.apps.fleets.components import MIN_INFORMATION, History, Scatter, blocks_of, variance_components, whiten
 from dynident.models import Joint, Model
-from dynident.regression import BaseParameters, GroupKind, ParameterGroup
+from dynident.regression import BaseParameters, GroupKind, ParameterGroup, rank_of_information
 from dynident.runtime import Noun, brief
 from dynident.runtime.arrays import Array
 
@@ -87,7 +87,7 @@ def baseline(history: History, scatter: Scatter, changes: Sequence[Change] = ())
     b = history.value.shape[1]
     solution = whiten(history.value, history.information, design(history, changes)).solve(scatter)
     # the first b columns of the design are the parameters before all changes
-    return solution.value[:b], pseudo_inverse(solution.covariance[:b, :b])
+    return solution.value[:b], rank_of_information(solution.covariance[:b, :b], tolerance=MIN_INFORMATION).inverse
 
 
 def _robot_posterior(

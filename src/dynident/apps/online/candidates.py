@@ -11,8 +11,8 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps.online.scores import Reference, Scores, Sums, scaled_inverse
-from dynident.regression import GroupKind, ParameterGroup, evidence
+from dynident.apps.online.scores import Reference, Scores, Sums
+from dynident.regression import GroupKind, ParameterGroup, evidence, rank_of_information
 from dynident.runtime import Noun
 from dynident.runtime.arrays import Array
 
@@ -214,7 +214,8 @@ class Candidates(Noun):
         D, root = self.directions[:, columns], np.sqrt(reference.spread[columns])
         information, covariance = (matrix[0][np.ix_(columns, columns)] for matrix in self.covariances(reference, sums))
         # directions that the window does not show keep the reference's value: they are left out of the inverse
-        inverse, unresolved_axes = scaled_inverse(information, MIN_INFORMATION_SHARE)
+        rank = rank_of_information(information, tolerance=MIN_INFORMATION_SHARE)
+        inverse, unresolved_axes = rank.inverse, rank.vectors[:, rank.rank :]
         # a parameter counts as shown where it has hardly any part in the directions left out
         is_shown, A = (unresolved_axes**2).sum(axis=1) < MIN_INFORMATION_SHARE, sums["information"][0]
         return ReferenceUpdate(

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from dynident.identification import Identification
-from dynident.regression import BaseParameters, EntryBlock, structural_base_parameters
+from dynident.regression import BaseParameters, EntryBlock, rank_of_information, structural_base_parameters
 from dynident.regression.whitening import long_run
 from dynident.runtime import Noun
 from dynident.runtime.arrays import Array
@@ -116,7 +116,7 @@ class Scorer(Noun):
         weights = self.sigma**-2
         information, score = np.einsum("j,jkl->kl", weights, gram.information), weights @ gram.score
         # the base parameters that fit the block: what they do not explain is the level of the residual
-        step = scaled_inverse(information, INFORMATION_TOLERANCE)[0] @ score
+        step = rank_of_information(information, tolerance=INFORMATION_TOLERANCE).inverse @ score
         squares = gram.squares - 2 * gram.score @ step + np.einsum("k,jkl,l->j", step, gram.information, step)
         has_rows, rows = gram.rows > 0, np.maximum(gram.rows, 1.0)
         min_squares = np.maximum(1e-12 * gram.squares, np.finfo(float).tiny)
@@ -132,20 +132,6 @@ class Scorer(Noun):
         independent, theta = list(self.basis.independent), self.identification.estimate.value
         maps = self.identification.model.structure.maps
         return tuple((entry_map[:, independent] / self.scale, entry_map @ theta) for entry_map in maps)
-
-
-def scaled_inverse(information: Array, tolerance: float) -> tuple[Array, Array]:
-    """Return the inverse (k, k) of information on the directions that it shows, and the axes (k, l) of the others.
-
-    These have less than ``tolerance`` times the largest information, in units in which the diagonal is one.
-    """
-    scale = np.sqrt(np.diag(information))
-    scale = np.where(scale > 0, scale, 1.0)
-    # a unit diagonal, so that directions are compared whatever their units
-    size, axes = np.linalg.eigh(information / np.outer(scale, scale))
-    is_shown = size > tolerance * max(float(size[-1]), np.finfo(float).tiny)
-    inverse = (axes[:, is_shown] / size[is_shown]) @ axes[:, is_shown].T / np.outer(scale, scale)
-    return inverse, axes[:, ~is_shown]
 
 
 class Sums(Noun):

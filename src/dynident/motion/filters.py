@@ -16,7 +16,7 @@ from dynident.runtime.arrays import Array
 from dynident.runtime.kernel import function
 
 MAX_KERNEL_SECTIONS = 8  # sections that the kernel takes
-DEFAULT_LAGS = 20  # of the whiteness test
+MAX_LAGS = 20  # of the whiteness test
 
 
 def butterworth(order: int, cutoff: float, rate: float) -> Array:
@@ -131,7 +131,7 @@ def autocorrelation(x: Array) -> Array:
     return np.asarray(correlation / correlation[0], dtype=np.float64)
 
 
-def ljung_box(correlation: Array, samples: int, lags: int = DEFAULT_LAGS) -> float:
+def ljung_box(correlation: Array, samples: int) -> float:
     """Return the p-value of Q = N (N + 2) sum rho_k^2 / (N - k), chi-squared if white (Ljung and Box, 1978).
 
     >>> noise = np.random.default_rng(0).standard_normal(1000)
@@ -142,7 +142,7 @@ def ljung_box(correlation: Array, samples: int, lags: int = DEFAULT_LAGS) -> flo
     """
     from scipy.special import chdtrc
 
-    k = np.arange(1, min(lags, samples // 5) + 1)
+    k = np.arange(1, min(MAX_LAGS, samples // 5) + 1)
     q = samples * (samples + 2) * float(np.sum(correlation[k] ** 2 / (samples - k)))
     return float(chdtrc(len(k), q))
 

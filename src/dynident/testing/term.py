@@ -202,9 +202,9 @@ def remembers_no_mass(term: Term) -> None:
         np.testing.assert_array_equal(term.regressor(q, dq, ddq, *memory), term.regressor(q, dq, 0 * ddq, *memory))
 
 
-def make_past(n: int, samples: int = 60) -> Past:
+def make_past(n: int) -> Past:
     """Return a motion of n joints that reverse at different times, with a load."""
-    t, phase = np.linspace(0.0, 1.2, samples), np.arange(1.0, n + 1)
+    t, phase = np.linspace(0.0, 1.2, 60), np.arange(1.0, n + 1)
     w = 5.0 + phase
     angle = np.outer(t, w) + phase
     return Past(t, np.sin(angle) / w, np.cos(angle), -np.sin(angle) * w, np.cos(2.0 * angle) * phase)

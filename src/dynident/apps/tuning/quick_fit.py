@@ -32,25 +32,25 @@ FOLDS = 5  # as many as a smoother is chosen by
 Motions = Mapping[str, Mapping[str, Motion]]
 
 
-def fold_factors(regression: Regression, folds: int = FOLDS) -> tuple[TriangularFactors, ...]:
-    """Return the factors of each of ``folds`` stretches, with equal shares of the samples of each motion.
+def fold_factors(regression: Regression) -> tuple[TriangularFactors, ...]:
+    """Return the factors of each of five stretches, with equal shares of the samples of each motion.
 
     Rows are filtered as in the whole, so that merging all gives its factors.
     """
     by_fold = []
-    for k in range(folds):
+    for k in range(FOLDS):
         parts = []
         for i, motion in enumerate(regression.motions):
-            start, stop = _edges(motion, folds)[k]
+            start, stop = _edges(motion)[k]
             parts.append(factorise(regression.entries(within=(i, slice(start, stop))), regression.model.structure))
         by_fold.append(merge_factors(parts))
     return tuple(by_fold)
 
 
-def _edges(motion: Motion, folds: int) -> list[tuple[int, int]]:
+def _edges(motion: Motion) -> list[tuple[int, int]]:
     """Return where the folds of a motion start and stop."""
     usable = np.flatnonzero(motion.mask)
-    inner = [int(rows[0]) if len(rows) else len(motion) for rows in np.array_split(usable, folds)[1:]]
+    inner = [int(rows[0]) if len(rows) else len(motion) for rows in np.array_split(usable, FOLDS)[1:]]
     return list(pairwise([0, *inner, len(motion)]))
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr
 
+from dynident.regression import rank_of_information
 from dynident.runtime import Noun, Use, brief
 from dynident.runtime.arrays import Array
 from dynident.validation import TorqueErrors
@@ -271,13 +272,9 @@ def _holm_correction(p_values: Array) -> Array:
 
 def _chi_squared(d: Array, covariance: Array) -> tuple[float, int]:
     """Return d' C^-1 d and its degrees of freedom, in the directions that have an error of their own."""
-    # Correlation instead of covariance, so that the threshold on eigenvalues does not depend on units.
-    size = np.sqrt(np.diag(covariance))
-    size = np.where(size > 0, size, 1.0)
-    roots, axes = np.linalg.eigh(covariance / np.outer(size, size))
-    has_error = roots > NEGLIGIBLE_SHARE * roots[-1]
-    along = axes[:, has_error].T @ (d / size)
-    return float(np.sum(along**2 / roots[has_error])), int(np.count_nonzero(has_error))
+    rank = rank_of_information(covariance, tolerance=NEGLIGIBLE_SHARE)
+    along = d @ (rank.determined_directions / rank.values[: rank.rank])
+    return float(along @ along), rank.rank
 
 
 def _log_differences(first: ComparedResult, second: ComparedResult) -> Sequence[LogDifference]:

@@ -193,7 +193,7 @@ def _effect_columns(fit: Misfit, case: FitCase, ripples: Sequence[tuple[float, A
     # a delay is one of the log: the torque that the user meets has none
     torque_derivative = torque_rate(fit, case) if case is fit.case else np.zeros_like(case.q)
     is_coulomb = np.array([parameter.role == "coulomb" for parameter in case.model.parameters])
-    friction_jumps = case.torque(is_coulomb.astype(float)).any(axis=0)
+    friction_jumps = np.asarray(case.torque(is_coulomb.astype(float)).any(axis=0))
     by_motion = motion_shapes(case, rms_speed(fit.case.dq))
     torque, rms_torque = case.torque(fit.theta), np.maximum(np.sqrt(np.mean(fit.torque**2, axis=0)), 1e-12)
     load_ratio = np.minimum(np.abs(torque), np.abs(fit.torque).max(axis=0)) / rms_torque  # beyond, nobody knows

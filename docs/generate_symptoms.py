@@ -99,7 +99,7 @@ def printed(mark: str) -> str:
     if member:
         choices = {kind.__name__: kind for kind in (TermKind, *WordedEnum.__subclasses__())}
         choice = choices[name][member]
-        words = choice.effect.format("…") if isinstance(choice, TermKind) else choice.words
+        words = choice.effect.format("…", "…", "…") if isinstance(choice, TermKind) else choice.words
         return f'"{_first_clauses(words)}"'
     return f'"{quote({kind.__name__: kind for kind in kinds()}[name])}"'
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from dynident.checks import CheckResult, RobotJointFacts, log_notes
 from dynident.checks.robot import LinkFacts
+from dynident.checks.robot_notes import MissingTerm, TermKind, TorqueGain
 from dynident.models.robot_files import RobotJointLimits
 from dynident.report.check import check_tables
 from dynident.runtime import ConfigRemark, Finding, Remark
@@ -68,6 +69,18 @@ def test_outliers_of_other_kinds_name_their_rows() -> None:
     for make, said in kinds:
         made = [Finding(make(row), joint, source="one") for joint, row in (("a", 3), ("b", 7))]
         assert rows(*made)["Warnings"][0][1].endswith(f" Likewise b ({said}).")
+
+
+def test_only_effects_of_one_kind_are_alike_and_each_has_its_size() -> None:
+    """What one joint lacks says nothing of what another does."""
+    sizes = {"a": (TermKind.DELAY, -0.0024), "b": (TermKind.LOAD, 0.04), "c": (TermKind.DELAY, 0.003)}
+    made = [Finding(MissingTerm(kind, size, 1e-4, 0.5), joint) for joint, (kind, size) in sizes.items()]
+    (where, said), (other, _) = rows(*made)["Warnings"]
+    assert (where, other) == ("a", "b")
+    assert said.startswith("a torque that leads the positions by 0.0024 +- 0.0001 s")
+    assert said.endswith(" Likewise c (0.003).")
+    gains = [Finding(TorqueGain(size, 0.01, 0.5), joint) for joint, size in (("a", 0.8), ("b", 3.0))]
+    assert rows(*gains)["Warnings"][0][1].endswith(" Likewise b (3).")
 
 
 def test_spikes_that_are_too_many_are_not_like_a_few() -> None:

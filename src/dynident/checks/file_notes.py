@@ -87,6 +87,11 @@ class OddScale(Note):
             f"constant or a unit missing in `gain`, or is `gravity` not in m/s^2? The torque should be in {self.unit}."
         )
 
+    @property
+    def figures(self) -> str:
+        """Its scale."""
+        return short(self.scale)
+
 
 class UnrelatedTorque(Note):
     """A torque that hardly correlates with the nominal one, which is ``ratio`` times as large."""

@@ -64,8 +64,9 @@ class TermKind(StrEnum):
         "Let the robot warm up, and record training and validation in the same state.",
     )
     DELAY = (
-        *("delay of the torque", "a torque that lags the positions by {} s", ""),
-        "Shift this torque in the file: `time_offset` is the same for all joints.",
+        *("delay of the torque", "a torque that {1} the positions by {2} s", ""),
+        "Shift this torque in the file, as `time_offset` is the same for all joints; or does friction build up slowly "
+        "after reversals, which looks alike?",
     )
     SATURATION = (
         *("torque that saturates", "saturation that takes {} of a torque of the usual size, of iron if negative", ""),
@@ -173,6 +174,11 @@ class SuspectedValue(WrongValue):
     def remedy(self) -> str:
         """What to do about it, in short, with the likeliest of the others that may be wrong instead."""
         return self._short_advice() + (f" Or as likely: {self.others[0]}." if self.others else "")
+
+    @property
+    def figures(self) -> str:
+        """The value as fitted."""
+        return short(self.value)
 
     def _short_advice(self) -> str:
         raise NotImplementedError
@@ -332,10 +338,16 @@ class MissingTerm(Costly):
         return f"the model lacks {self._effect_and_size}. {self.effect.remedy}"
 
     @property
+    def figures(self) -> str:
+        """Its size."""
+        return short(self.value)
+
+    @property
     def _effect_and_size(self) -> str:
         partner = f", together with {self.partner}" if self.partner else ""
         period = f", that repeats every {short(self.period)} rad or m" if self.period else ""
-        return self.effect.effect.format(f"{short(self.value)} +- {short(self.std, 2)}") + partner + period
+        size, length = (f"{short(value)} +- {short(self.std, 2)}" for value in (self.value, abs(self.value)))
+        return self.effect.effect.format(size, "leads" if self.value < 0 else "lags", length) + partner + period
 
 
 class TermLeftOut(MissingTerm):

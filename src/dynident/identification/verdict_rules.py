@@ -22,7 +22,7 @@ from dynident.identification.verdict_steps import NextStep, Remedy, SetRight
 from dynident.models import INERTIAL
 from dynident.motion.log import stack_states, subsample, thin_motions
 from dynident.regression import Regression, UnexcitedParameters, repeats_path
-from dynident.runtime import Finding, InputError, Remark, Use
+from dynident.runtime import Finding, InputError, Use
 from dynident.validation import Driver, FreeRun, LogValidation, NoiseFloor
 
 MAX_SAMPLES = 2000  # of all training motions
@@ -183,8 +183,7 @@ def _finding_reasons(identification: Identification, use: Use) -> Iterator[Reaso
     kinds: dict[object, list[Finding]] = {}
     for finding in (*identification.findings, *notes):
         if finding.forbids is use:
-            kind = finding.message if isinstance(finding.message, Remark) else type(finding.message)
-            kinds.setdefault(kind, []).append(finding)
+            kinds.setdefault(finding.kind, []).append(finding)
     yield from (why.ForbiddingFindings(tuple(group)) for group in kinds.values())
 
 

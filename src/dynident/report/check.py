@@ -11,7 +11,7 @@ import numpy as np
 
 from dynident.checks import ChannelFacts, CheckResult, Excitation, RobotJointFacts, Timing
 from dynident.report.page import Column, PageTable
-from dynident.runtime import Finding, Remark, Severity, Use, count, number, place_and_text
+from dynident.runtime import Finding, Severity, Use, count, number, place_and_text
 
 TITLES = {Severity.ERROR: "Errors", Severity.WARNING: "Warnings", Severity.INFO: "Good to know"}
 USE_ORDER = {Use.CONTROL: 0, Use.SIMULATION: 1, None: 2}  # what forbids a use comes first
@@ -84,13 +84,9 @@ def finding_groups(findings: Sequence[Finding]) -> list[list[Finding]]:
     groups: dict[tuple[object, ...], list[Finding]] = {}
     place_counts: Counter[tuple[object, ...]] = Counter()
     for finding in findings:
-        note = finding.message
-        # Notes that differ in what was done are not alike; remarks are alike only where their text is the same
-        flags = tuple(value for value in vars(note).values() if isinstance(value, bool))
-        kind = (finding.severity, type(note), flags, finding.text if isinstance(note, Remark) else "")
         # A second finding at the same place starts a group of its own
-        place = (*kind, finding.source, finding.joint, finding.link)
-        groups.setdefault((*kind, place_counts[place]), []).append(finding)
+        place = (*finding.kind, finding.source, finding.joint, finding.link)
+        groups.setdefault((*finding.kind, place_counts[place]), []).append(finding)
         place_counts[place] += 1
     return list(groups.values())
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from enum import StrEnum
+from enum import Enum, StrEnum
 from typing import ClassVar, Self, TypeVar, dataclass_transform
 
 from dynident.runtime.errors import InputError, join_names
@@ -143,6 +143,12 @@ class Finding:
     def forbids(self) -> Use | None:
         """The use that the finding forbids: any where it is an error, else what its note forbids."""
         return Use.CONTROL if self.severity is Severity.ERROR else self.message.forbidden
+
+    @property
+    def kind(self) -> tuple[object, ...]:
+        """What like findings share: severity, type, and the choices among the fields; of remarks their text."""
+        choices = tuple(value for value in vars(self.message).values() if isinstance(value, (bool, Enum)))
+        return self.severity, type(self.message), choices, self.text if isinstance(self.message, Remark) else ""
 
 
 def place_and_text(findings: Sequence[Finding]) -> tuple[str, str]:

@@ -18,7 +18,7 @@ from dynident.models.friction import Coulomb, LoadCoulomb, Viscous
 from dynident.models.lagrangian import slider
 from dynident.motion.log import Log, Motion
 from dynident.motion.smoothers import Difference, Smoother
-from dynident.runtime import Finding, Severity
+from dynident.runtime import Finding, Note, Severity
 from tests.checks import moving_arm
 from tests.robots import ARM_MJCF
 
@@ -143,15 +143,18 @@ def sound_arm(moved: Log):
     return set(run_checks(ARM, {"train": {"one": moved}}).findings)
 
 
-@pytest.mark.parametrize("gain", [1.0, 8.0])
-def test_a_tool_that_the_file_lacks_is_no_odd_scale(gain: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The coupling with the other joints tells it from a wrong gain."""
-    scaled = replace(moving_arm.MOVED, tau=moving_arm.MOVED.tau * [1.0, 1.0, gain])
-    odd = Finding(file_notes.OddScale(8.0, "N m"), "j3")
+@pytest.mark.parametrize("doubt", [file_notes.OddScale(8.0, "N m"), file_notes.UnrelatedTorque(8.0, 0.1)], ids=str)
+def test_a_file_that_is_wrong_raises_no_doubt_of_the_torque(doubt: Note, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The coupling with the other joints tells a tool from a wrong gain, and a fit the joint's torque from another."""
+    finding, motion = Finding(doubt, "j3"), moving_arm.MOVED
     module = sys.modules[run_checks.__module__]
-    monkeypatch.setattr(module, "agreement_findings", lambda entry, _unit: [odd] if entry.joint == "j3" else [])
-    log = Log(scaled.t, scaled.q + NOISE, scaled.tau, scaled.joints)
-    assert (odd in run_checks(ARM, {"train": {"one": log}}).findings) is (gain > 1)
+    monkeypatch.setattr(module, "agreement_findings", lambda entry, _unit: [finding] if entry.joint == "j3" else [])
+    other = motion.tau[:, 2] + 10.0 * np.sin(1.7 * motion.t**1.5)
+    wrong = 8.0 * motion.tau[:, 2] if isinstance(doubt, file_notes.OddScale) else other
+    for torque, is_wrong in ((motion.tau[:, 2], False), (wrong, True)):
+        tau = np.column_stack([motion.tau[:, :2], torque])
+        log = Log(motion.t, motion.q + NOISE, tau, motion.joints)
+        assert (finding in run_checks(ARM, {"train": {"one": log}}).findings) is is_wrong
 
 
 def test_a_torque_without_friction_is_said_where_none_was_chosen(moved: Log) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.checks import channel_notes, file_notes, motion_notes
 from dynident.checks.alternatives import MAX_JOINTS_ALL_PAIRS
 from dynident.checks.channels import ChannelFacts, channel_facts, check_log_fully, torque_findings
-from dynident.checks.explain import joints_of_right_gain, robot_findings
+from dynident.checks.explain import refuted_doubts, robot_findings
 from dynident.checks.file_notes import ColumnReversed, JointsSwapped, MotorCoupled, OtherAxis, OtherGravity, OtherZero
 from dynident.checks.log_notes import FrozenTorque, GravityCompensated, PerhapsRadians
 from dynident.checks.missing import is_tried_effect
@@ -308,9 +308,9 @@ class _CheckRun:
             model, tilt = tilt_base(model, x, y), None
             plain = None if plain is None else tilt_base(plain, x, y)
         faults = list(robot_findings(model, motions, held_out, recipe.filter, self.selection.min_speed, tilt, plain))
-        if any(isinstance(finding.message, file_notes.OddScale) for finding in findings):
-            right = joints_of_right_gain(model, motions, recipe.filter, self.selection.min_speed)
-            findings[:] = [x for x in findings if not (isinstance(x.message, file_notes.OddScale) and x.joint in right)]
+        if any(isinstance(finding.message, (file_notes.OddScale, file_notes.UnrelatedTorque)) for finding in findings):
+            refuted = refuted_doubts(model, motions, recipe.filter, self.selection.min_speed)
+            findings[:] = [x for x in findings if x.joint not in refuted.get(type(x.message), ())]
         # a fault explains others: the torque of the file's inertias was that of another motion or arm
         notes = [finding.message for finding in faults]
         clocks = [note.value for note in notes if isinstance(note, ClockWrong)]

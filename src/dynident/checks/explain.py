@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks.alternatives import better_alternative
+from dynident.checks.file_notes import OddScale, UnrelatedTorque
 from dynident.checks.low_pass import low_pass_findings
 from dynident.checks.misfit import CASE_SAMPLES, FitCase, Misfit, fit_cases, measured_case, misfit
 from dynident.checks.missing import (
@@ -38,13 +39,14 @@ from dynident.checks.suspects import (
     is_beyond_own_effects,
     promising_suspects,
 )
+from dynident.checks.torque import nuisance_columns, project_out
 from dynident.identification import BaseTilt, tilt_base
 from dynident.models import Model
 from dynident.models.friction import LoadCoulomb
 from dynident.motion.log import Motion, subsample
 from dynident.regression import ParallelFilter
 from dynident.regression.whitening import long_run
-from dynident.runtime import Finding, Step, report_progress
+from dynident.runtime import Finding, Note, Step, report_progress
 from dynident.runtime.arrays import Array
 
 DELAY_SAMPLES = 2000  # of all motions, up to twice as many
@@ -139,6 +141,7 @@ MAX_CAUSES = 6  # causes that are looked for one after the other
 MAX_TRIED_SUSPECTS = 4  # suspects whose value is sought, of those that one step explains best
 MIN_SHARE_RATIO = 0.6  # times the largest share by one step: suspects below are not tried
 REVERSAL_TERMS = (TermKind.COULOMB, TermKind.SMOOTH, TermKind.STRIBECK, TermKind.DELAY)  # explain what is left there
+MAX_UNEXPLAINED_SHARE = 0.25  # of a squared torque, that other inertias than those of the file leave where it is right
 MAX_RIGHT_LOG_GAIN = 0.5  # natural logarithm of a gain, that a coupling with other joints must exclude
 MIN_TELLING_ERRORS = 2.0  # standard errors of the difference of two fits: less says nothing of which suspect it is
 MIN_TIE_RATIO = 0.9  # times the largest share: suspects from here on cannot be told apart
@@ -195,24 +198,35 @@ def robot_findings(
     yield from [finding for finding in odd if finding.source not in loaded_logs] or remaining
 
 
-def joints_of_right_gain(
+def refuted_doubts(
     model: Model,
     motions: Sequence[Motion],
     parallel_filter: ParallelFilter | None = None,
     min_speed: tuple[float, ...] | None = None,
-) -> set[str]:
-    """Return the joints whose coupling with the others shows that their torque is not several times too large.
+) -> dict[type[Note], set[str]]:
+    """Return the joints whose torque a fit shows to be right, by the note that doubts it for the inertias of the file.
 
-    It needs no inertias of the file, which lack a tool that the arm carries.
+    The file may lack a tool that the arm carries: the coupling with the other joints shows that a torque is not several
+    times too large. Where its inertias are wrong, others explain a torque that is no other joint's.
     """
     (case,) = fit_cases(model, motions, parallel_filter, min_speed, (CASE_SAMPLES,))
     fit, suspects = misfit(case), gain_suspects(model)
     scores = fit.score_tests(suspect.derivative(fit) for suspect in suspects)
-    return {
+    right_gains = {
         str(suspect.joint)
         for suspect, score in zip(suspects, scores, strict=True)
         if score is not None and abs(score.value) + MIN_STANDARD_ERRORS * score.std < MAX_RIGHT_LOG_GAIN
     }
+    shares = {joint.name: _unexplained_share(fit, j) for j, joint in enumerate(model.joints)}
+    explained = {name for name, share in shares.items() if share < MAX_UNEXPLAINED_SHARE}
+    return {OddScale: right_gains, UnrelatedTorque: explained}
+
+
+def _unexplained_share(fit: Misfit, j: int) -> float:
+    """Return the share of a joint's squared torque, beside friction and rotor, that a fit leaves; 0 without samples."""
+    case, rows = fit.case, fit.case.keep[:, j]
+    torque = project_out(case.tau[:, j][rows], nuisance_columns(case.q, case.dq, case.ddq, j)[rows])
+    return float(np.sum((case.tau - fit.torque)[rows, j] ** 2) / max(np.sum(torque**2), 1e-300)) if rows.any() else 0.0
 
 
 def _joints_with(findings: Sequence[Finding], *effects: TermKind) -> set[str | None]:

@@ -192,6 +192,13 @@ def test_an_invented_offset_beyond_the_range_leaves_none(delay: float) -> None:
     assert time_offset.after == time_offset.before == pytest.approx(left(motion), rel=0.02)
 
 
+@pytest.mark.parametrize(("noise", "seconds"), [(1.0, 0.06), (25.0, 0.0)])
+def test_an_unusual_offset_must_explain_much(noise: float, seconds: float) -> None:
+    """The friction that a model lacks looks like one that explains little."""
+    time_offset = find_time_offset(slider(), [sliding(0.06, noise)])
+    assert time_offset.seconds == pytest.approx(seconds, abs=2e-3)
+
+
 def test_a_smoother_that_shifts_keeps_its_shift_unless_another_predicts_better() -> None:
     arm, motion = swing()
     noisy = record(motion, 1e-5, 1e-2, np.random.default_rng(3)).log

@@ -44,6 +44,7 @@ NEAREST_TRIALS = 3  # trials that come first where no offset is expected
 WEIGHT_ITERATIONS = 5  # of the weights of the joints
 PRESLIDING_SHARES = (3e-3, 3e-2)  # of the range of a joint, over which friction builds up
 MIN_ERROR_REDUCTION = 0.005  # share of the error that a time offset must remove to be accepted
+MIN_WIDE_REDUCTION = 0.1  # where it is unusual, as friction that a model lacks looks like one, too
 MIN_SIGNIFICANCE = 3.0  # standard errors that it must differ from zero by
 
 
@@ -197,7 +198,8 @@ def find_time_offset(
     estimate = _find_within(TRIAL_OFFSETS, model, motions, selection, repeat)
     if np.isnan(estimate.seconds):  # a buffer, or two clocks, delay it more than filters do
         wide_estimate = _find_within(WIDE_OFFSETS, model, motions, selection, repeat)
-        estimate = wide_estimate if abs(wide_estimate.seconds) > 0 else replace(estimate, seconds=0.0)
+        is_clear = wide_estimate.after < (1.0 - MIN_WIDE_REDUCTION) * wide_estimate.before
+        estimate = wide_estimate if abs(wide_estimate.seconds) > 0 and is_clear else replace(estimate, seconds=0.0)
     return estimate
 
 

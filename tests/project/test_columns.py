@@ -79,6 +79,12 @@ NAMES = {  # role, joint, number, unit, rank
     "Winkel_2 (0,01 Grad)": ("position", None, 2, "0.01 deg", 0),
     "trq_2 [0.1%]": ("torque", None, 2, None, 0),
     "vir": ("", None, None, None, 0),
+    "J2 Dstb Trq (Nm)": ("torque", None, 2, "N m", -2),
+    "log.I_mot.Data[2]": ("current", None, 2, None, 0),
+    "axis2.current_control.Iq_measured": ("current", None, 2, None, 1),
+    "axis2.current_control.Iq": ("current", None, 2, None, -2),
+    "axis 2 pos [rad] motor side": ("position", None, 2, "rad", 0),
+    "FBPos_2": ("position", None, 2, None, 1),
 }
 
 
@@ -94,6 +100,14 @@ def test_names_are_read(name):
 )
 def test_words_that_all_joints_share_may_be_missing(column, joint):
     assert read_name(column, ("ur_elbow_joint", "ur_wrist_1_joint", "ur_x_joint")).joint == joint
+
+
+def test_axes_may_be_called_by_their_letters():
+    columns = ("S axis pulses", "T axis pulses", "Trq_T [%]", "t")
+    parsed = [read_name(column, ("joint_1_s", "joint_6_t")) for column in columns]
+    assert [(name.role, name.joint) for name in parsed] == [
+        ("position", "joint_1_s"), ("position", "joint_6_t"), ("torque", "joint_6_t"), ("time", None)
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

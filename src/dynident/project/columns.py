@@ -50,7 +50,7 @@ _COMPOUND_NOUNS = (  # that end words such as Motorstrom, Istwinkel, jointtorque
     "moment kraft strom zeit 角度 位置 速度 加速度 力矩 扭矩 转矩 电流 时间"
 )
 _WORD_BREAK = re.compile(
-    r"[\W_]+|(?<=[a-z])(?=[A-Z][a-z])|(?<=[^\W\d])(?=\d)|(?<=\d)(?=[^\W\d])"
+    r"[\W_]+|(?<=[a-z])(?=[A-Z][a-z])|(?<=[A-Z]{2})(?=[A-Z][a-z])|(?<=[^\W\d])(?=\d)|(?<=\d)(?=[^\W\d])"
     rf"|(?<=[^\W\d_])(?<!加)(?=(?i:{'|'.join(_COMPOUND_NOUNS.split())})(?![^\W\d_]))"
 )
 
@@ -72,8 +72,8 @@ _ROLES: Mapping[str, frozenset[str]] = {  # the first that a name has is its rol
         "tau qfrc torque torques effort efforts eff trq tq moment force forces kraft couple 力矩 扭矩 转矩"
     ),
     "position": _word_set(
-        "q qpos pos position positions angle angles ang theta th phi enc encoder encoders qm winkel posicion posizione "
-        "角度 位置"
+        "q qpos pos position positions angle angles ang theta th phi enc encoder encoders pulse pulses qm winkel "
+        "posicion posizione 角度 位置"
     ),
     "time": _word_set("t ts time times tout stamp stamps timestamp timestamps clock secs zeit temps tiempo tempo 时间"),
 }
@@ -81,13 +81,14 @@ _COMMANDED_WORDS = _word_set(
     "cmd command commands commanded des desired target targets ref reference goal setpoint sp d nominal plan planned "
     "con control soll sollwert consigne action actions 指令 期望 目标 给定 参考"
 )
+_CONTROL_WORDS = _word_set("con control")
 _MEASURED_WORDS = _word_set(
     "meas measured actual act fb feedback msr real sensed raw state read ist istwert 实际 测量 反馈"
 )
 _FILTERED_WORDS = _word_set("filt filtered smooth smoothed est estimated computed hat lp")
 _DERIVED_WORDS = _word_set(
     "err error errors ext external fric friction grav gravity model coriolis comp diff std var temp temperature limit "
-    "max min ff feedforward residual res tcp ee eef wrench cartesian ft "
+    "max min ff feedforward residual res tcp ee eef wrench cartesian ft dstb dist disturbance collision "
     "bias passive constraint inverse"
 )
 _AFTER_PRESENT = _word_set("pos position positions angle angles torque torques effort efforts")
@@ -138,6 +139,7 @@ def read_name(column: str, joints: Iterable[str]) -> ColumnName:
     unit_role = _UNIT_ROLES.get(unit_spelling, "")
     role = (
         _find_role(remaining)
+        or next(filter(None, (_find_role(tokens(part)) for part in re.split("[./]", text))), "")  # log.I_mot.Data
         or (_find_role(words) if joint else "")
         or unit_role
         or ("current" if unit_spelling == "%" and _LOAD_WORDS & set(words) else "")
@@ -218,7 +220,8 @@ def _unit_dimension(name: ColumnName) -> str:
 def _take_joint(words: tuple[str, ...], joints: Iterable[str]) -> tuple[str | None, tuple[str, ...]]:
     """Return the joint with the longest name that occurs in the words, and the remaining words.
 
-    Where none occurs, names are compared without the words that all of them share, as in rf_knee_joint.
+    Where none occurs, names are compared without the words that all of them share, as in rf_knee_joint, then by their
+    letters: joint_1_s is the S axis.
     """
     names = {joint: tokens(joint) for joint in joints}
     shared = set.intersection(*map(set, names.values())) if names else set()
@@ -227,7 +230,9 @@ def _take_joint(words: tuple[str, ...], joints: Iterable[str]) -> tuple[str | No
     short_names = {
         joint: name for joint, name in short_names.items() if any(len(word) > 2 and word.isalpha() for word in name)
     }
-    for candidates in (names, short_names):
+    letters = {joint: tuple(x for x in name if len(x) == 1 and x.isalpha()) for joint, name in names.items()}
+    letters = letters if len({*letters.values()} - {()}) == len(names) and len(words) > 1 else {}
+    for candidates in (names, short_names, letters):
         for joint, name in sorted(candidates.items(), key=lambda candidate: -len(candidate[1])):
             for k in range(len(words) - len(name) + 1):
                 if name and words[k : k + len(name)] == name:
@@ -252,8 +257,10 @@ def _unit_in_name(column: str) -> tuple[str, tuple[str, ...]]:
     matches = list(_UNIT.finditer(column))
     if not matches:
         return "", ()
-    text = next(filter(None, matches[-1].groups()))
-    return re.sub(r"[\s*·⋅.-]", "", text).lower(), tokens(text)
+    texts = [next(filter(None, match.groups())) for match in matches]
+    spellings = [(re.sub(r"[\s*·⋅.-]", "", text).lower(), tokens(text)) for text in texts]
+    # the last that is a unit: a word may follow it, as in pos [rad] motor side
+    return next((unit for unit in reversed(spellings) if any(unit[0] in x for x in _UNITS.values())), spellings[-1])
 
 
 def stated_unit(column: str, joints: Iterable[str]) -> str:
@@ -285,6 +292,8 @@ def is_reference(column: str, joints: Iterable[str]) -> bool:
 
 
 def _measurement_rank(words: set[str]) -> int:
-    if words & (_COMMANDED_WORDS | _DERIVED_WORDS):
+    measured = words & _MEASURED_WORDS
+    # the measured current of a current control is none that was commanded
+    if words & (_COMMANDED_WORDS - (_CONTROL_WORDS if measured else set()) | _DERIVED_WORDS):
         return COMMANDED
-    return int(bool(words & _MEASURED_WORDS)) - int(bool(words & _FILTERED_WORDS))
+    return int(bool(measured)) - int(bool(words & _FILTERED_WORDS))

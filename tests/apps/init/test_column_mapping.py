@@ -107,7 +107,7 @@ def test_a_slide_beyond_its_limits_is_drafted_in_mm() -> None:
     scara = (*ARM, MovableJoint("quill", "prismatic", RobotJointLimits(lower=-0.1, upper=0.1)))
     mapping = map_columns(table(**signals(("q1", "q2"), ("tau1", "tau2")), q3=wave(80.0), tau3=wave(20.0)), scara)
     assert (mapping.position["quill"].column, mapping.position["quill"].unit) == ("q3", "mm")
-    assert mapping.position["quill"].question.endswith("is more than the joint can move in m: is it in mm?")
+    assert mapping.position["quill"].question.endswith("is it in mm, or of a motor (then `gain`)?")
 
 
 @pytest.mark.parametrize(
@@ -143,10 +143,39 @@ def test_positions_beyond_two_pi_are_asked_about():
 
 
 def test_what_starts_anew_after_360_is_in_degrees() -> None:
-    """Whatever the limits say: the joint at 350 degrees stands at -10."""
-    angles = (350.0 + wave(60.0, 2)) % 360.0
-    (angle,) = map_columns(table(q=angles, tau=wave(9.0)), NUMBERED[:1]).position.values()
-    assert (angle.unit, angle.wraps, angle.question) == ("deg", 360.0, "")
+    """Whatever the limits say: the joint at 350 degrees stands at -10; so are joints that do not reach the turn."""
+    angles = ((350.0 + wave(60.0, 2)) % 360.0, 250.0 + wave(50.0))
+    mapping = map_columns(table(**{**signals(), "q1": angles[0], "q2": angles[1]}), NUMBERED)
+    channels = [(angle.unit, angle.wraps, angle.question) for angle in mapping.position.values()]
+    assert channels == [("deg", 360.0, "")] * 2
+
+
+def test_a_joint_that_stands_elsewhere_is_not_in_degrees() -> None:
+    """A range of less than a turn fits into rad, whatever the limits of the file."""
+    mapping = map_columns(table(**{**signals(), "q1": 2.5 + wave(1.0)}), NUMBERED)
+    assert {channel.unit for channel in mapping.position.values()} == {"rad"}
+    assert "another zero" in mapping.position["arm_joint1"].question
+
+
+def test_torques_of_unknown_names_are_told_by_the_motion() -> None:
+    noise = np.random.default_rng(0).normal(size=(2, N))
+    torques = {f"m_actual{k}": wave(20.0, k) + np.sign(np.cos(2 * T + k)) for k in (1, 2)}
+    volts = {f"bus_volt{k}": noise[k - 1] for k in (1, 2)}
+    mapping = map_columns(table(**signals(torque=()), **volts, **torques), NUMBERED)
+    assert chosen(mapping) == ["q1", "q2", "m_actual1", "m_actual2"]
+    assert all("are they torques of the joints" in channel.question for channel in mapping.torque.values())
+    assert chosen(map_columns(table(**signals(torque=()), **volts), NUMBERED))[2:] == [None, None]
+
+
+def test_torques_that_are_called_those_of_motors_are_asked_about() -> None:
+    torques = map_columns(table(**signals(torque=("motor1 torque [Nm]", "motor2 torque [Nm]"))), NUMBERED).torque
+    assert all("before the gear" in channel.question for channel in torques.values())
+
+
+def test_a_single_joint_needs_no_number() -> None:
+    mapping = map_columns(table(**{"axis0.pos": wave(1.0), "axis0.torque": wave(20.0)}), NUMBERED[:1])
+    assert [*mapping.position.values(), *mapping.torque.values()][0].question == ""
+    assert chosen(mapping) == ["axis0.pos", "axis0.torque"]
 
 
 def test_torques_are_compared_with_the_limits():
@@ -298,7 +327,7 @@ def test_an_angle_that_starts_anew_is_seen(name, size, turn):
     columns[names[0]] = np.mod(wave(0.2 * size), size)
     position = map_columns(table(**columns), ARM).position
     assert position["shoulder"].wraps == pytest.approx(turn)
-    assert (position["shoulder"].question, position["elbow"].wraps) == ("", None)
+    assert (position["shoulder"].question, position["elbow"].wraps) == ("", position["shoulder"].wraps)
     for share in (0.7, 0.95):
         columns[names[0]] = np.mod(wave(0.2 * size), share * size)  # a jump that is no turn
         assert map_columns(table(**columns), ARM).position["shoulder"].wraps is None

@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from dynident.apps.init.column_mapping import ColumnMapping, map_columns
-from dynident.apps.init.match import MovableJoint
-from dynident.apps.init.shape_match import match_by_shape
+from dynident.apps.init.match import ColumnFamily, Match, MovableJoint
+from dynident.apps.init.shape_match import match_by_shape, sampling_step
 from dynident.files.tables import DataTable
 from dynident.models.robot_files import RobotJointLimits
 
@@ -151,6 +151,16 @@ def test_fingers_may_be_missing_and_values_too(finger: bool) -> None:
     mapping = map_columns(table(*parts), (*JOINTS, hand) if finger else JOINTS)
     assert columns_of(mapping) == [str(k) for k in (*range(7, 13), *range(1, 7))]
     assert set(mapping.lock) == ({"finger"} if finger else set())
+
+
+def test_a_gripper_without_velocity_leaves_the_rate_to_the_other_joints() -> None:
+    gripper = np.sign(np.sin(T))
+    columns = [*BLOCKS["q"].T, gripper, *BLOCKS["dq"].T, 0 * gripper]
+    data = DataTable({f"q{k}" if k < 7 else f"x{k}": x for k, x in enumerate(columns)}, {}, "a.csv")
+    position = Match(ColumnFamily("position", 0, {}), {f"j{k}": f"q{k}" for k in range(7)}, "")
+    assert sampling_step(data, position) == pytest.approx(T[1] - T[0], rel=0.01)
+    still = Match(position.family, {f"j{k}": f"q{k}" for k in (5, 6)}, "")
+    assert np.isnan(sampling_step(data, still))
 
 
 @pytest.mark.parametrize("columns", [np.zeros((50, 18)), np.ones((4000, 18)), np.full((4000, 18), np.nan)], ids=str)

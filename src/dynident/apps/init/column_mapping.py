@@ -14,11 +14,12 @@ from dynident.apps.init.match import (
     best_pair,
     complete_rows,
     headerless_families,
+    is_of_motors,
     match_length,
     turn_size,
 )
 from dynident.apps.init.servo_draft import command_columns
-from dynident.apps.init.shape_match import match_by_shape, sampling_step
+from dynident.apps.init.shape_match import match_by_shape, match_torque_by_shape, sampling_step
 from dynident.apps.init.stamps import TimeColumn, finite_values, has_gaps, time_column
 from dynident.files.tables import DataTable
 from dynident.identification import held_joints
@@ -117,6 +118,8 @@ def map_columns(
     if nameless:
         shape_matches = match_by_shape(table, usable)
         position, torque = shape_matches if all(shape_matches) else (position or shape_matches[0], torque)
+    elif position and torque is None:
+        torque = match_torque_by_shape(table, usable, position)
     table = complete_rows(table, (position, torque))
     # joints that never move are locked, unless this would leave none to identify
     names = _joints_to_identify(position, torque, usable)
@@ -208,6 +211,8 @@ def _position_channels(
     # unwrap before the units are judged: a wrapped angle hides the range that tells rad from degrees
     turns = {joint.name: turn_size(values[joint.name], units.get(match.columns[joint.name], "")) for joint in joints
              if joint.kind == "revolute"}  # fmt: skip
+    if len({units.get(match.columns[name]) for name in turns}) == 1:  # what starts anew tells of those that do not
+        turns = dict.fromkeys(turns, next(filter(None, turns.values()), None))
     values = {name: unwrap(q, turns.get(name)) for name, q in values.items()}
     in_degrees = {match.columns[name]: "deg" for name, turn in turns.items() if turn == FULL_TURN}
     match = replace(match, family=replace(match.family, units={**in_degrees, **units}))
@@ -221,13 +226,13 @@ def _position_channels(
 
 def _degrees_question(revolute: Sequence[tuple[MovableJoint, Array]]) -> str:
     """Ask whether positions are in degrees, if they are within reach of the joints in degrees but not in rad."""
-    # a question is asked only where degrees explain what rad do not
+    # a question is asked only where degrees explain what rad do not; a smaller range is that of another zero
+    span = max((float(np.ptp(q)) for _, q in revolute if len(q)), default=0.0)
     in_rad, in_deg = (
         all(_is_within_reach(joint, q, factor) for joint, q in revolute) for factor in (1.0, math.pi / 180)
     )
-    if in_rad or not in_deg:
+    if in_rad or not in_deg or span <= 2 * math.pi:
         return ""
-    span = max((float(np.ptp(q)) for _, q in revolute if len(q)), default=0.0)
     return f"a range of {span:.3g} is too much for rad: is it in degrees, or before the gear (see `transmission`)?"
 
 
@@ -289,7 +294,7 @@ def _unit_question(joint: MovableJoint, q: Array) -> str:
     if _is_within_reach(joint, q, 1.0):
         return "" if slides or span > 0.02 or span == 0 else f"the joint moves by only {span:.2g}: is it in rad?"
     if slides:
-        return f"{low} to {high} is more than the joint can move in m: is it in mm?"
+        return f"{low} to {high} is more than the joint can move in m: is it in mm, or of a motor (then `gain`)?"
     # a joint without limits may turn several times: ask before it is called degrees
     if joint.limits.lower is None:
         return (
@@ -340,7 +345,8 @@ def _torque_channel(
     column, limit = match.columns[joint.name], joint.limits.effort
     unit, doubt = match.family.units.get(column, ""), ""
     if unit_size(unit, TORQUES[joint.kind]):
-        return ChannelProposal(column, unit, _nonempty(match.question))
+        doubt = "its name is that of a motor: is it before the gear? Then `gain`." if is_of_motors(match) else ""
+        return ChannelProposal(column, unit, _nonempty(match.question, doubt))
     unit = _si_unit(joint, TORQUES)
     if stated := stated_unit(column, [joint.name]):
         return ChannelProposal(column, unit, _nonempty(match.question), f"{unit} at the joint per {stated!r}")

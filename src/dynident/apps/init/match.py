@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -16,7 +16,7 @@ from dynident.files.tables import DataTable
 from dynident.files.xml_text import SUFFIXES
 from dynident.models.rigid_bodies import read_robot_file
 from dynident.models.robot_files import JointCoupling, RobotFile, RobotJointLimits
-from dynident.project.columns import COMMANDED, ColumnFamily, tokens
+from dynident.project.columns import COMMANDED, ColumnFamily, ColumnName, read_name, tokens
 from dynident.project.config import load_model, robot_text
 from dynident.project.fields import unit_size
 from dynident.runtime import ModelError
@@ -99,7 +99,7 @@ def _has_length(match: Match, joints: Collection[str]) -> bool:
     return any(unit_size(units.get(column, ""), "length") for joint, column in match.columns.items() if joint in joints)
 
 
-def _is_of_motors(match: Match) -> bool:
+def is_of_motors(match: Match) -> bool:
     """Return whether the columns are named as those of motors, which differ from those of joints by a gear."""
     return not _MOTOR_WORDS.isdisjoint(tokens(next(iter(match.columns.values()))))
 
@@ -113,7 +113,7 @@ def _pair_merit(pair: tuple[Match | None, Match | None]) -> tuple[float, ...]:
         len(common),
         sum(match.family.rank for match in matches),
         any(match.family.role == "torque" for match in matches),
-        -sum(_is_of_motors(match) for match in matches),
+        -sum(is_of_motors(match) for match in matches),
         sum(bool(match.family.units) for match in matches),  # degrees rather than counts
         -sum(bool(match.question) for match in matches),
         pair[0] is not None,
@@ -127,7 +127,7 @@ def _ask_about_rivals(table: DataTable, match: Match | None, candidates: Iterabl
 
     def key(candidate: Match) -> tuple[Any, ...]:
         family, columns = candidate.family, candidate.columns
-        length, of_motors = match_length(table, candidate), _is_of_motors(candidate)
+        length, of_motors = match_length(table, candidate), is_of_motors(candidate)
         return family.role, family.rank, of_motors, bool(family.units), set(columns), length
 
     # rivals are equal in all that the choice was made by, so that the order of the file decided
@@ -176,8 +176,9 @@ def match_family(
     if any(isinstance(key, str) for key in family.columns):
         columns = {joint.name: family.columns[joint.name] for joint in joints if joint.name in family.columns}
         return Match(family, columns, "the columns have the names of the joints")
-    if None in family.columns:
-        return Match(family, {joints[0].name: family.columns[None]} if len(joints) == 1 else {}, "there is one joint")
+    if None in family.columns or len(family.columns) == len(joints) == 1:
+        columns = {joint.name: next(iter(family.columns.values())) for joint in joints} if len(joints) == 1 else {}
+        return Match(family, columns, "there is one joint")
     if stated and set(stated) <= set(_numbers(family)):
         return Match(family, {joint: family.columns[k] for k, joint in stated.items()}, "the file names the joints")
     return _match_by_number(family, {key: family.columns[key] for key in _numbers(family)}, joints, numbers)
@@ -225,6 +226,24 @@ def match_length(table: DataTable, match: Match | None) -> int:
     """Return the length of the matched columns; without a match that of the first column, or 0."""
     columns = list(match.columns.values()) if match else list(table.columns)
     return len(table.columns[columns[0]]) if columns else 0
+
+
+def columns_beside(
+    table: DataTable, joints: Sequence[MovableJoint], position: Match | None, accepts: Callable[[ColumnName], bool]
+) -> list[dict[str, str]]:
+    """Return the groups of columns by joint that ``accepts`` takes and that are named or numbered as the positions."""
+    if position is None:
+        return []
+    names = [joint.name for joint in joints]
+    parsed_positions = {joint: read_name(column, names) for joint, column in position.columns.items()}
+    joint_of = {name.joint or name.number: joint for joint, name in parsed_positions.items()}
+    groups: dict[tuple[str, ...], dict[str, str]] = {}
+    rows = match_length(table, position)
+    for name in (read_name(column, names) for column in table.columns):
+        values, joint = table.columns[name.column], joint_of.get(name.joint or name.number)
+        if joint and len(values) == rows and np.isfinite(values).any() and accepts(name):
+            groups.setdefault(name.family, {}).setdefault(joint, name.column)
+    return [group for group in groups.values() if group.keys() == position.columns.keys()]
 
 
 def turn_size(q: Array, unit: str) -> float | None:

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from dynident.apps.init.match import Match, MovableJoint
+from dynident.apps.init.match import Match, MovableJoint, columns_beside
 from dynident.files.tables import DataTable
 from dynident.files.xml_text import SUFFIXES
 from dynident.files.yaml_text import yaml_name
-from dynident.project.columns import is_commanded, read_name
+from dynident.project.columns import ColumnName, is_commanded
 from dynident.project.config import robot_text
 from dynident.runtime import DynidentError
 
@@ -47,24 +45,12 @@ class ServoProposal:
 
 def command_columns(table: DataTable, joints: Sequence[MovableJoint], position: Match | None) -> dict[str, str]:
     """Return the columns of commanded positions by joint, for all joints of the ``position``; empty where one lacks."""
-    if position is None:
-        return {}
-    names = [joint.name for joint in joints]
-    # a joint is named in a command as in its position, or has the same number there
-    keys = {}
-    for joint, column in position.columns.items():
-        name = read_name(column, names)
-        keys[name.joint or name.number] = joint
-    groups: dict[tuple[str, ...], dict[str, str]] = {}
-    rows = len(table.columns[next(iter(position.columns.values()))])
-    for column, values in table.columns.items():
-        name = read_name(column, names)
-        key = name.joint or name.number
-        is_used = column in position.columns.values() or len(values) != rows or not np.isfinite(values).any()
-        if key in keys and not is_used and is_commanded(column) and name.role in ("", "position"):
-            groups.setdefault(name.family, {}).setdefault(keys[key], column)
-    complete = [group for group in groups.values() if group.keys() == position.columns.keys()]
-    return complete[0] if complete else {}
+
+    def is_command(name: ColumnName) -> bool:
+        is_used = position is not None and name.column in position.columns.values()
+        return not is_used and is_commanded(name.column) and name.role in ("", "position")
+
+    return next(iter(columns_beside(table, joints, position, is_command)), {})
 
 
 def servos_of_file(robot: str, joints: Iterable[MovableJoint]) -> Mapping[str, ServoProposal]:

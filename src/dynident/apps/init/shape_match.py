@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.apps.init.match import Match, MovableJoint
+from dynident.apps.init.match import Match, MovableJoint, columns_beside
 from dynident.apps.init.stamps import is_increasing
 from dynident.files.tables import DataTable
-from dynident.project.columns import ColumnFamily, read_name
+from dynident.project.columns import COMMANDED, ColumnFamily, read_name
 from dynident.runtime.arrays import Array
 
 Mask = NDArray[np.bool_]
@@ -24,6 +24,7 @@ MAX_SAMPLES = 20_000  # of the recording, at most
 MIN_SAMPLES, MAX_VALUE = 100, 1e100
 # least correlation, of each joint that moves, of a column's steps with the integral of its derivative
 MIN_DERIVATIVE_CORRELATION = 0.9
+MIN_SURE_SHARE = 0.7  # of the joints that move: those whose velocities must tell the sampling rate
 # correlation from which a block is another of the same quantity, as commanded beside measured
 MIN_TWIN_CORRELATION = 0.99
 # of the positions where columns are block by block: those that are joint by joint must be smoother by this factor
@@ -94,10 +95,23 @@ def match_by_shape(table: DataTable, joints: Sequence[MovableJoint]) -> tuple[Ma
     return position_match, _find_torque(X, chain, starts, joints, blocks)
 
 
+def match_torque_by_shape(table: DataTable, joints: Sequence[MovableJoint], position: Match) -> Match | None:
+    """Return the torques beside positions of known names, of columns whose names say nothing; None where none are."""
+    joints = [joint for joint in joints if joint.name in position.columns]
+    groups = columns_beside(table, joints, position, lambda name: not name.role and name.rank > COMMANDED)
+    names = [group[joint.name] for group in (position.columns, *groups) for joint in joints]
+    columns = np.column_stack([table.columns[name] for name in names])[:MAX_SAMPLES]
+    if not groups or len(columns) < MIN_SAMPLES or len(X := _complete_rows(columns)) < MIN_SAMPLES:
+        return None
+    starts = range(0, len(names), len(joints))
+    blocks = {k: _ColumnBlock(k, tuple(names[k : k + len(joints)])) for k in starts}
+    return _find_torque(X, [0], starts, joints, blocks)
+
+
 def sampling_step(table: DataTable, position: Match) -> float:
     """Return the time (s) between rows by which other columns are the velocities of the positions; nan where none are.
 
-    Those of all joints that move must agree.
+    Those of most joints that move must agree; a gripper may have none.
     """
     named = list(position.columns.values())
     rows = len(table.columns[named[0]])
@@ -109,8 +123,8 @@ def sampling_step(table: DataTable, position: Match) -> float:
         return np.nan
     moving = np.flatnonzero(np.ptp(X[:, : len(named)], axis=0) > MIN_MOTION)
     C, slopes = (matrix[moving, len(named) :] for matrix in _derivative_correlation(X))
-    steps = slopes[np.arange(len(moving)), C.argmax(axis=1)]
-    is_sure = len(moving) > 0 and C.max(axis=1).min() > MIN_DERIVATIVE_CORRELATION
+    steps = slopes[np.arange(len(moving)), C.argmax(axis=1)][C.max(axis=1) > MIN_DERIVATIVE_CORRELATION]
+    is_sure = len(steps) > MIN_SURE_SHARE * len(moving)
     return float(np.median(steps)) if is_sure and steps.max() < MAX_UNIT_RATIO * steps.min() else np.nan
 
 

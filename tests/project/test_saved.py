@@ -289,7 +289,7 @@ def test_json_of_any_other_form_is_no_result(tmp_path: Path, text: str) -> None:
 
 
 def test_arguments_of_another_type_are_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="path of a file or folder is expected, not None"):
+    with pytest.raises(InputError, match="path: a NoneType is given"):
         load(None)  # type: ignore[arg-type]
     with pytest.raises(ModelError, match="the model is a str"):
         load(tmp_path / "r.json", "gallery:slider")  # type: ignore[arg-type]

@@ -14,6 +14,7 @@ import pytest
 import yaml
 
 import dynident as dy
+from dynident.apps.online import Watcher
 from dynident.identification import NotLogged
 from dynident.models.lagrangian import pendulum, slider
 from dynident.project.shortcuts import RecipeFields
@@ -182,7 +183,16 @@ WRONG: dict[str, Callable[[], object]] = {
     "a int is no term": lambda: dy.Model((3,)),
     "a str is no term": lambda: dy.Model("ab"),
     "export_model: a dict is given": lambda: dy.export_model({}, "out"),
-    "path of a file or folder is expected, not 3": lambda: dy.run(3),
+    "path: a int is given; give the path of a file": lambda: dy.run(3),
+    "path: a Model is given": lambda: dy.excite(pendulum()),
+    "path: a DataFrame is given": lambda: dy.read_log(pl.DataFrame({"t": [0.0]})),
+    "find_payload: a str is given": lambda: dy.find_payload("result.json", SWING),
+    "Watcher: a str is given": lambda: Watcher("result.json", np.random.default_rng(0)),
+    "sigma = .*give one value, or a mapping": lambda: dy.Recipe(dy.Spline(sigma=[1e-3])),
+    # none of these may pass for numbers in SI units
+    r"q\[7, 0\] is nan": lambda: replace(SWING, q=np.ma.masked_array(SWING.q, SWING.t[:, None] == 0.07)),
+    r"not datetime64\[ms\]; give s": lambda: replace(SWING, t=np.datetime64("2026-11-29") + SWING.t.astype("m8[ms]")),
+    "not complex128; give its real part": lambda: dy.smooth(SWING.t, LIVELY.q + 1j),
     "sigma_q of pivot is 'x'": lambda: dy.accuracy_bound(pendulum(), LIVELY, dy.Recipe(), sigma_q="x"),
     "torque is 'sensors'": lambda: dy.accuracy_bound(pendulum(), LIVELY, dy.Recipe(), torque="sensors"),
 }

@@ -17,7 +17,7 @@ from dynident.files.folder import write_whole
 from dynident.files.opener import afford, cause, content, real_path, refuse_inputs, remember_inputs
 from dynident.files.parquet import row_count
 from dynident.files.text import call_polars
-from dynident.runtime import ConfigError, InputError, choices
+from dynident.runtime import ConfigError, InputError, check_type, choices
 
 if TYPE_CHECKING:
     import polars as pl
@@ -29,9 +29,8 @@ MAX_LINE_WIDTH = 160  # of a line of JSON that holds a whole mapping
 
 def as_path(path: object) -> Path:
     """Return a path; InputError for an object that is none."""
-    if not isinstance(path, str | Path):
-        raise InputError(f"the path of a file or folder is expected, not {path!r}.")
-    return Path(path)
+    check_type("path", path, (str, Path), "give the path of a file or folder")
+    return Path(path)  # type: ignore[arg-type]
 
 
 def claim_json(target: Path | None, *inputs: str | Path) -> None:

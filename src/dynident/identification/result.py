@@ -20,7 +20,19 @@ from dynident.identification.recipe import Recipe
 from dynident.models import MassMatrixCheck, Model, motion_memory
 from dynident.motion.log import Log, Motion
 from dynident.regression import BaseParameters, UnexcitedParameters
-from dynident.runtime import OMITTED, Axes, Finding, InputError, KeepsFacts, Messages, Note, Noun, brief, choices
+from dynident.runtime import (
+    OMITTED,
+    Axes,
+    Finding,
+    InputError,
+    KeepsFacts,
+    Messages,
+    Note,
+    Noun,
+    brief,
+    check_type,
+    choices,
+)
 from dynident.runtime.arrays import Array
 from dynident.runtime.families import action
 from dynident.runtime.kernel import kernel
@@ -229,8 +241,7 @@ class Identification(KeepsFacts):
             dq, ddq, *times = states
             memory = motion_memory(self.model, *map(np.asarray, (times[0], log, dq, ddq))) if times else None
             return self.model.torque(log, dq, ddq, self.estimate.value, memory)
-        if not isinstance(log, Log):
-            raise InputError(f"predict: a {type(log).__name__} is given, not a Log; read a file with `read_log`.")
+        check_type("predict", log, Log, "give q, dq and ddq, or a Log, as `read_log` reads it from a file")
         joints = tuple(joint.name for joint in self.model.joints)
         return validate(self.model, self.estimate.value, self.recipe.motion(log.select(joints)))
 

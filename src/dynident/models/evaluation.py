@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from dynident.models.term import Joint, Past, Term
 from dynident.runtime import Axes, DynidentError, ModelError, Noun, short, vector
-from dynident.runtime.arrays import Array
+from dynident.runtime.arrays import Array, as_numbers
 
 if TYPE_CHECKING:
     from dynident.models.model import Model
@@ -87,7 +87,7 @@ def check_terms(model: Model) -> None:
 
 def check_states(model: Model, **values: ArrayLike) -> tuple[Array, ...]:
     """Return the arrays as floats; ModelError unless all are (N, n) with the same N."""
-    arrays = {name: np.asarray(value, dtype=float) for name, value in values.items()}
+    arrays = {name: as_numbers(value) for name, value in values.items()}
     rows = next(iter(arrays.values())).shape[:1]
     for name, array in arrays.items():
         if array.ndim != 2 or array.shape != (*rows, len(model.joints)):
@@ -100,7 +100,7 @@ def check_states(model: Model, **values: ArrayLike) -> tuple[Array, ...]:
 
 def check_theta(model: Model, theta: ArrayLike, rows: int | None) -> Array:
     """Return theta (p) or, unless ``rows`` is None, (rows, p) as floats; ModelError for another shape."""
-    array = np.asarray(theta, dtype=float)
+    array = as_numbers(theta)
     p = len(model.parameters)
     if array.shape not in ((p,), (rows, p)):
         per_sample = f" or ({rows}, {p})" if rows is not None else ""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.runtime import InputError, KeepsFacts, join_names
-from dynident.runtime.arrays import Array
+from dynident.runtime.arrays import Array, as_numbers
 
 if TYPE_CHECKING:
     import polars as pl
@@ -24,10 +24,7 @@ Mask = NDArray[np.bool_]
 
 def freeze_array(value: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
     """Return a read-only contiguous array; copied only where the caller could still write to it."""
-    try:
-        array = np.ascontiguousarray(value, dtype=dtype)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"numbers are expected: {error}.") from error
+    array = np.ascontiguousarray(as_numbers(value, dtype))
     # a view, or the caller's own array, could still change: only an owned read-only one is shared
     if array is value or array.base is not None:
         if array.flags.owndata and not array.flags.writeable:

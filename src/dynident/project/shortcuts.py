@@ -12,6 +12,7 @@ from typing import Any, Literal, TypedDict, Unpack
 from dynident import checks, identification
 from dynident.checks import CheckResult
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
+from dynident.files.results import as_path
 from dynident.files.xml_text import SUFFIXES
 from dynident.identification import (
     AccuracyBound,
@@ -247,6 +248,7 @@ def read_log(
     >>> log
     <Log 'monday': 1000 samples of hinge; 0 to 0.999 s, 1000 Hz>
     """
+    path = as_path(path)
     if config is not None:
         if not (time is None and position is None and torque is None and not settings):
             raise ConfigError("read_log: give either `config`, or time, position and torque, not both.")

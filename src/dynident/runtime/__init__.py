@@ -15,6 +15,7 @@ from dynident.runtime.errors import (
     brief,
     budget_scope,
     call_part,
+    check_type,
     choices,
     format_bytes,
     install_command,

@@ -46,6 +46,12 @@ class ModelError(DynidentError):
     """A robot model that cannot be built or evaluated."""
 
 
+def check_type(argument: str, value: object, kind: type | tuple[type, ...], advice: str) -> None:
+    """Raise InputError where an argument is of another kind; ``advice`` says what to give."""
+    if not isinstance(value, kind):
+        raise InputError(f"{argument}: a {type(value).__name__} is given; {advice}.")
+
+
 def choices(wrong: object, alternatives: Iterable[str]) -> str:
     """Return the alternatives to a wrong name, the nearest first: ``did you mean 'x'? Choose from ...``."""
     names = [str(name) for name in alternatives]

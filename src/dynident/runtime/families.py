@@ -349,7 +349,10 @@ class _Rule:
             if self.count not in (None, len(value)):
                 raise ConfigError(f"{name} = {value}; give {self.count} entries.")
             # parts keep mappings as pairs of name and value
-            entries = dict(value).items() if self.keyed else enumerate(value, 1)
+            try:
+                entries = dict(value).items() if self.keyed else enumerate(value, 1)
+            except (TypeError, ValueError) as error:
+                raise ConfigError(f"{name} = {value}; give one value, or a mapping of them by name.") from error
             for key, entry in entries:
                 self.items.check(f"{name} of {key!r}" if self.keyed else f"entry {key} of {name}", entry)
         # choices may be texts beside numbers, or whole numbers alone

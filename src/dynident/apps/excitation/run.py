@@ -24,7 +24,7 @@ from dynident.apps.excitation.trajectory import Trajectory, slow_down
 from dynident.apps.excitation.verify import QUANTITIES, LimitError, verify
 from dynident.files.folder import REPORT, ResultFolder, refuse_other_report, result_folder
 from dynident.files.opener import content, refuse_inputs, watch_inputs
-from dynident.files.results import json_text
+from dynident.files.results import as_path, json_text
 from dynident.identification import versions
 from dynident.project.arms import KnownArm
 from dynident.project.explicit_config import settings_text
@@ -84,6 +84,7 @@ def excite(
     >>> bool(found.trajectory.duration <= 15)
     True
     """
+    robot = as_path(robot)
     with watch_inputs(robot):
         if out is None:
             project = read_excitation(robot, settings, changes, allow_code=allow_code)

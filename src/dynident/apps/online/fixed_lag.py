@@ -22,7 +22,7 @@ from dynident.motion.log import Motion
 from dynident.motion.smoothers import decay
 from dynident.motion.splines import Fixed, smooth
 from dynident.runtime import ConfigError, InputError, Noun, join_names
-from dynident.runtime.arrays import Array
+from dynident.runtime.arrays import Array, as_numbers
 
 SIGNALS = ("t", "q", "dq", "ddq", "tau", "mask", "memory")
 MIN_SAMPLES = 2  # samples of a motion
@@ -220,7 +220,7 @@ class FixedLag:
         time. Raises InputError for a shape that does not fit, a value that is not finite, or a time that does
         not increase; none of the samples is taken then.
         """
-        time, positions, torques = np.asarray(t, dtype=float), np.asarray(q, dtype=float), np.asarray(tau, dtype=float)
+        time, positions, torques = map(as_numbers, (t, q, tau))
         time = time if time.ndim else time[None]
         if len(time) == 1 and positions.ndim * torques.ndim != 4:
             n = len(self.joints)

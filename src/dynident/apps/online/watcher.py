@@ -21,8 +21,8 @@ from dynident.apps.online.tracker import MotionBlock, Tracker, smoothing_steps
 from dynident.identification import Identification
 from dynident.motion.log import Log
 from dynident.regression import GroupKind, ParameterGroup, groups_of, one_thread
-from dynident.runtime import ConfigError, InputError
-from dynident.runtime.arrays import Array
+from dynident.runtime import ConfigError, InputError, check_type
+from dynident.runtime.arrays import Array, as_numbers
 
 WaitingBlock = tuple[Gram, float, float, int]
 SMOOTHING_TIME = 10.0  # s of motion that show how much is to be smoothed
@@ -77,6 +77,7 @@ class Watcher:
     """
 
     def __init__(self, result: Identification, rng: np.random.Generator, settings: WatchSettings | None = None) -> None:
+        check_type("Watcher", result, Identification, "give that of the robot, as `load` reads it from a file")
         self.settings = options = settings or WatchSettings()
         model = result.model
         self.joints = tuple(joint.name for joint in model.joints)
@@ -127,8 +128,8 @@ class Watcher:
         The events do not depend on how many samples are given at a time, but their delay does. Raises InputError
         for shapes that do not fit.
         """
-        time, x, y = np.asarray(t, dtype=float), np.asarray(q, dtype=float), np.asarray(tau, dtype=float)
-        if x.shape != (len(time), len(self.joints)) or y.shape != x.shape:
+        time, x, y = map(as_numbers, (t, q, tau))
+        if time.ndim != 1 or x.shape != (len(time), len(self.joints)) or y.shape != x.shape:
             raise InputError(f"samples: {time.shape} stamps, {x.shape} positions, {y.shape} torques do not match.")
         events = list[Event]()
         for k in range(0, len(time), BATCH_SAMPLES):

@@ -37,7 +37,7 @@ from dynident.identification import Identification, Logs, identify
 from dynident.models import Model
 from dynident.motion.log import stack_states
 from dynident.regression import BaseParameters, structural_base_parameters
-from dynident.runtime import InputError, Note, Noun, report_progress
+from dynident.runtime import InputError, Note, Noun, check_type, report_progress
 from dynident.runtime.arrays import Array
 from dynident.validation import LogValidation
 
@@ -135,6 +135,7 @@ def find_payload(
     >>> f"{payload.body.values[0]:.1f} kg at {payload.body.values[1]:.1f} m"
     '1.0 kg at 0.3 m'
     """
+    check_type("find_payload", identification, Identification, "give that of the arm, as `load` reads it from a file")
     request = request or PayloadRequest()
     mount = mount_of(identification.model, request.frame)
     if request.gains is not None:

@@ -12,7 +12,7 @@ from dynident.models.evaluation import motion_memory
 from dynident.models.model import Model
 from dynident.motion.log import Log, Motion
 from dynident.runtime import ConfigError, InputError, ModelError, Noun
-from dynident.runtime.arrays import Array
+from dynident.runtime.arrays import Array, as_numbers
 
 Torque = Callable[[float], ArrayLike]
 DIFFERENCE_STEP = 1e-7  # s, over which a memory is differentiated by time
@@ -92,10 +92,10 @@ def simulate_many(
     """
     times, n, p = _times(t, source), len(model.joints), len(model.parameters)
     arguments = {
-        "theta": (np.asarray(theta, dtype=float), p),
-        "q0": (np.zeros(n) if q0 is None else np.asarray(q0, dtype=float), n),
-        "dq0": (np.zeros(n) if dq0 is None else np.asarray(dq0, dtype=float), n),
-        "torque": (np.asarray(torque(times[0]), dtype=float), n),
+        "theta": (as_numbers(theta), p),
+        "q0": (np.zeros(n) if q0 is None else as_numbers(q0), n),
+        "dq0": (np.zeros(n) if dq0 is None else as_numbers(dq0), n),
+        "torque": (as_numbers(torque(times[0])), n),
     }
     runs = _count_runs(arguments, source)
     parameters, q, dq, _ = (np.broadcast_to(array, (runs, width)) for array, width in arguments.values())
@@ -136,7 +136,7 @@ def record(
 
 
 def _deviation(name: str, sigma: ArrayLike, truth: Motion) -> Array:
-    deviation = np.asarray(sigma, dtype=float)
+    deviation = as_numbers(sigma)
     if deviation.shape not in ((), (len(truth.joints),)):
         raise ConfigError(f"{name} has shape {deviation.shape}; give one number, or one per joint: {truth.joints}.")
     if not ((deviation >= 0) & (deviation < np.inf)).all():
@@ -256,7 +256,7 @@ def _split_states(states: Array, n: int) -> tuple[Array, Array, Array]:
 
 
 def _times(t: ArrayLike, source: str) -> Array:
-    times = np.asarray(t, dtype=float)
+    times = as_numbers(t)
     if times.ndim != 1 or len(times) < 2 or not np.isfinite(times).all() or not (np.diff(times) > 0).all():
         times_text = np.array2string(times, threshold=6)
         raise InputError(f"{source}: t must be at least 2 finite, strictly increasing times (s), got {times_text}.")

@@ -15,7 +15,7 @@ from dynident.motion.splines.rules import Constraint, Rule, check_columns, kerne
 from dynident.motion.splines.search import SplineSearch, once, run_searches
 from dynident.motion.splines.series import ScaledSeries, noise_sigma
 from dynident.runtime import ConfigError, InputError, Noun
-from dynident.runtime.arrays import Array
+from dynident.runtime.arrays import Array, as_numbers
 
 MAX_VALUE = 1e100  # squares and fourth powers of allowed values must not overflow
 
@@ -118,7 +118,7 @@ class SmoothingSpline(Noun):
         Raises InputError outside the data unless ``extrapolate`` is set: the natural spline continues as a straight
         line. Raises ConfigError for another order.
         """
-        x = np.asarray(t, dtype=float)
+        x = as_numbers(t)
         if not np.isfinite(x).all():
             raise InputError("times to evaluate the spline at must be finite.")
         outside = (x < self.t[0]) | (x > self.t[-1])
@@ -198,7 +198,7 @@ def smooth(
 
 def _fit_single(t: ArrayLike, y: ArrayLike, rule: Rule, sigma: Any) -> SmoothingSpline | None:
     """Fit a single series in one call of the kernel; None where that cannot be done, and why is not said."""
-    time, data = np.asarray(t, dtype=float), np.asarray(y, dtype=float)
+    time, data = as_numbers(t), as_numbers(y)
     if time.ndim != 1 or data.shape not in {(len(time),), (len(time), 1)}:
         return None
     if sigma is None:
@@ -217,7 +217,7 @@ def _fit_single(t: ArrayLike, y: ArrayLike, rule: Rule, sigma: Any) -> Smoothing
 
 def prepare_data(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Array, list[float], list[float]]:
     """Return times, their steps and data as arrays, and the smallest and largest value of each column; InputError."""
-    time, data = np.array(t, dtype=float), np.asarray(y, dtype=float)
+    time, data = as_numbers(t).copy(), as_numbers(y)
     if time.ndim != 1 or data.ndim not in (1, 2) or len(data) != len(time) or data.size == 0:
         raise InputError(f"t and y have shapes {time.shape} and {data.shape}; expected (N,) with (N,) or (N, k).")
     if len(time) < 3:
@@ -245,7 +245,7 @@ def _check_values(name: str, value: Array) -> tuple[list[float], list[float]]:
 def _check_weights(weights: ArrayLike | None, columns: Array) -> Array | None:
     if weights is None:
         return None
-    weight = np.asarray(weights, dtype=float)
+    weight = as_numbers(weights)
     weight = weight[:, None] if weight.ndim == 1 else weight
     if weight.ndim != 2 or weight.shape not in {(len(columns), 1), columns.shape}:
         raise ConfigError(f"weights have shape {weight.shape}; expected ({len(columns)},) or {columns.shape}.")
@@ -257,7 +257,7 @@ def _check_weights(weights: ArrayLike | None, columns: Array) -> Array | None:
 def _column_sigmas(t: Array, columns: Array, weight: Array | None, sigma: ArrayLike | None, *, needed: bool) -> Array:
     k = columns.shape[1]
     if sigma is not None:
-        value = np.asarray(sigma, dtype=float)
+        value = as_numbers(sigma)
         if value.shape not in ((), (k,)):
             raise ConfigError(f"sigma has shape {value.shape}; give one number, or one for each of {k} columns.")
         value = np.full(k, value)

@@ -24,7 +24,7 @@ from dynident.project.export.servos import identified_model
 from dynident.project.export.written import Export, Exporter, ExportText, FileError, Proof, Reader, States
 from dynident.project.saved import source_files
 from dynident.regression import BLOCK
-from dynident.runtime import ConfigError, InputError, ModelError, choices, join_names
+from dynident.runtime import ConfigError, InputError, ModelError, check_type, choices, join_names
 from dynident.runtime.arrays import Array
 from dynident.runtime.families import EXPORTERS
 from dynident.validation import relative_error
@@ -211,8 +211,7 @@ def export_model(identification: Identification, path: str | Path, format: str |
     ...     [file.name for file in dy.export_model(found, folder)]
     ['parameters.yaml', 'model.py']
     """
-    if not isinstance(identification, Identification):
-        raise InputError(f"export_model: a {type(identification).__name__} is given; give the Identification.")
+    check_type("export_model", identification, Identification, "give the Identification")
     folder, file = as_path(path), ""
     if not folder.is_dir() and folder.suffix.lower() in ENDINGS:
         folder, file = folder.parent, folder.name

@@ -167,13 +167,14 @@ class FaultKind(WordedEnum):
     """Kind of a sensor's fault.
 
     No number; a value that froze while the joint moved; a value that does not change while others do; a jump
-    that no joint can make.
+    that no joint can make; such jumps again and again.
     """
 
     MISSING = "missing", "gives no number"
     FROZEN = "frozen", "does not change any more"
     STILL = "still", "does not change while others do"
     JUMP = "jump", "jumps"
+    JUMPING = "jumping", "jumps again and again"
 
 
 class Fault(Event):
@@ -191,6 +192,9 @@ class Fault(Event):
         fault, since = f"the {self.signal.value} of {self.joint} {self.kind.words}", stamp(self.since)
         if self.kind is FaultKind.JUMP:
             return f"{fault} at {since}, by {signed_text(self.size)} rad or m, which no joint can do"
+        if self.kind is FaultKind.JUMPING:
+            why = "check its sensor, and the units of the stream; nothing is watched until it has not jumped for a minute"
+            return f"{fault}, since {since}, which no joint can do: {why}"
         if self.kind is FaultKind.STILL:
             why = "the torques are not those of a rest, its sensor is dead; nothing is watched until it moves"
             return f"{fault}, since {since}: {why}"

@@ -30,12 +30,12 @@ RECOVERY_SAMPLES = 10  # samples that a sensor must work again
 MAX_SPEED_FACTOR = 2.0  # times the velocity limit
 MAX_STEP_FACTOR = 20.0  # times the largest usual step, where there is no limit
 JUMP_SAMPLES = 4  # samples after which a jump is no spike
+MAX_JUMPS, JUMP_PAUSE = 2, 60.0  # jumps that are reported singly, each within s of the one before; more are a fault
 MIN_OTHER_MOTION = 0.01  # rad, m: what others move at least while one does not
 AVERAGING_SAMPLES = 500.0  # samples over which what is usual is averaged
 SETTLING_SAMPLES = 50  # samples until something is usual
 MAX_POSITION, MAX_TORQUE = 1e6, 1e9  # rad or m, N m or N: what is larger is no value of a sensor
-FAULT_KINDS = (FaultKind.MISSING, FaultKind.FROZEN, FaultKind.STILL)
-FAULT_NUMBERS = (1, 2, 3)  # of them, by number from one: those without which a sensor says nothing
+FAULT_KINDS = (FaultKind.MISSING, FaultKind.FROZEN, FaultKind.STILL, FaultKind.JUMPING)  # by number from one
 
 
 def possible_values(q: Array, tau: Array) -> tuple[Array, Array]:
@@ -84,6 +84,7 @@ class Sensors:
         m = len(self.joints)
         self.jumped, self.leap = np.zeros(m), np.zeros(m)  # samples since what may be a jump of a position, its size
         self.left, self.left_at, self.pace = np.zeros(m), np.zeros(m), np.zeros(m)  # the value before it, when
+        self.jumps, self.jumped_at = np.zeros(n), np.full(n, -np.inf)  # jumps of a position, and the last of them (s)
         self.alive = np.zeros(n)  # whether it has ever changed: a channel that is not recorded does not die
         self.excused = np.zeros(n)  # whether it is known to rest, until it changes
         self.moved = np.zeros(m)  # samples in which it moved
@@ -118,7 +119,7 @@ class Sensors:
             rows[k] = is_complete[k] and not self.dead
             # the torque of a joint may fail alone: its other columns can still be used
             if self.faulty and not self.dead:
-                is_finite, torque_usable[k] = np.isfinite(x), ~np.isin(self.fault[n:], FAULT_NUMBERS)
+                is_finite, torque_usable[k] = np.isfinite(x), self.fault[n:] == 0
                 rows[k] = is_finite[:n].all() and is_finite[n:][torque_usable[k]].all()
             if sample_events:
                 events += sample_events
@@ -160,6 +161,7 @@ class Sensors:
             x = np.where(is_finite, x, np.nan_to_num(self.value))
         if self.t != self.t:  # the first after a gap
             self.value, self.step[:] = x, 0.0
+            self.jumped_at = np.minimum(self.jumped_at, t)  # the clock may have been set back
         else:
             events += self._check_changes(t, x)
         if self.faulty:
@@ -234,11 +236,11 @@ class Sensors:
         samples_since, self.jumped = self.jumped, np.where(self.jumped > 0, self.jumped + 1, 0.0)
         for k in np.flatnonzero(self.jumped == JUMP_SAMPLES).tolist():
             if abs(x[k] - self.left[k]) > abs(self.leap[k]) / 2:
-                time, leap = float(self.left_at[k]), float(self.leap[k])
-                yield Fault(t, FaultKind.JUMP, Signal.POSITION, self.joints[k], time, leap)
+                yield from self._report_jump(t, k)
         self.jumped[self.jumped >= JUMP_SAMPLES] = 0.0
         has_limit = self.limited | (self.moved > SETTLING_SAMPLES)
-        new = (size > limit) & has_limit & (self.seen > SETTLING_SAMPLES) & (samples_since == 0) & (self.fault[:n] == 0)
+        new = (size > limit) & has_limit & (self.seen > SETTLING_SAMPLES) & (samples_since == 0)
+        new &= (self.fault[:n] == 0) | (self.fault[:n] == 4)
         # a jump needs a known limit, a settled channel, and none under way
         self.jumped[new] = 1.0
         self.left, self.left_at = np.where(new, self.value[:n], self.left), np.where(new, t, self.left_at)
@@ -246,6 +248,16 @@ class Sensors:
         usual = np.where(has_limit, np.minimum(size, limit), size)
         self.moved += size > 0
         self.pace = np.maximum(np.where(samples_since > 0, 0.0, usual), decayed_pace)
+
+    def _report_jump(self, t: float, k: int) -> Iterator[Event]:
+        """Yield the jump of a position; of many in a row that it jumps again and again, once."""
+        since = float(self.left_at[k])
+        self.jumps[k] = self.jumps[k] + 1 if since - self.jumped_at[k] < JUMP_PAUSE else 1
+        self.jumped_at[k] = since
+        if self.jumps[k] <= MAX_JUMPS:
+            yield Fault(t, FaultKind.JUMP, Signal.POSITION, self.joints[k], since, float(self.leap[k]))
+        elif self.fault[k] == 0:
+            yield from self._report_faults(t, np.arange(len(self.fault)) == k, 4, self.left_at)
 
     def _check_frozen(self, t: float) -> Iterator[Event]:
         n, hold_time = len(self.joints), t - self.since
@@ -260,7 +272,7 @@ class Sensors:
         shortest = np.where(position, CONSTANT_POSITION_TIME, CONSTANT_TORQUE_TIME)
         is_held = is_long & others_moved & (hold_time >= np.clip(usual, shortest, MAX_HOLD_TIME))
         is_still = position & is_held & (self.excused == 0)
-        is_frozen = (stopped_abruptly | (~position & is_held)) & ~np.isin(self.fault, FAULT_NUMBERS)
+        is_frozen = (stopped_abruptly | (~position & is_held)) & (self.fault == 0)
         yield from self._report_faults(t, is_frozen, 2, self.since)
         yield from self._report_faults(t, is_still & (self.fault == 0), 3, self.since)
 
@@ -273,6 +285,7 @@ class Sensors:
     def _check_recovery(self, t: float) -> Iterator[Event]:
         # the value changes again and has been a number for some samples
         works = (self.missed == 0) & ((self.run == 0) | (self.fault == 1))
+        works &= (self.fault != 4) | (t - self.jumped_at >= JUMP_PAUSE)
         self.well = np.where(self.fault > 0, np.where(works, self.well + 1, 0.0), 0.0)
         for k in np.flatnonzero((self.well >= RECOVERY_SAMPLES) | (works & (self.fault == 3))).tolist():
             yield Back(t, *self._channel(k), float(self.began[k]))
@@ -281,7 +294,7 @@ class Sensors:
 
     def _note(self) -> None:
         self.faulty = bool(self.fault.any())
-        self.dead = bool(np.isin(self.fault[: len(self.joints)], FAULT_NUMBERS).any())
+        self.dead = bool(self.fault[: len(self.joints)].any())
 
     def _channel(self, k: int) -> tuple[Signal, str]:
         n = len(self.joints)

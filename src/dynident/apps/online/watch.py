@@ -36,7 +36,7 @@ from dynident.project.saved import load
 from dynident.regression import GroupKind
 from dynident.runtime import ConfigError, InputError, report_progress
 
-FORMAT, VERSION = "dynident watch", 3
+FORMAT, VERSION = "dynident watch", 4
 # what a state may hold: the dataclasses and kinds of these files
 STATE_TYPES = [
     member

@@ -39,8 +39,9 @@ EMPTY_SPAN = (math.nan, math.nan, 0)  # first and last time (s) and samples of a
 MAX_TIME, MIN_STEP = 1e11, 1e-6  # s: stamps are within, and further apart
 GAP_STEP_GROWTH = 1.1  # of the usual step at a gap: after many in a row it was another
 SAVED = (  # attributes of a watcher that are its state, beside its parts
-    "smoothing", "known", "gram", "span", "waiting", "deaf", "moved", "refused", "last", "step", "back", "replay",
+    "smoothing", "known", "gram", "span", "waiting", "deaf", "moved", "refused", "refusals", "last", "step", "back", "replay",
 )  # fmt: skip
+MAX_REFUSALS = 3  # times that samples are unreadable for another reason, which are said; of more every tenth power
 FILTER_MARGIN = 0.5  # s beside a torque that cannot be used, by filters
 
 
@@ -103,7 +104,7 @@ class Watcher:
         self._waiting = tuple[WaitingBlock, ...]()  # complete blocks of which a sensor may still be doubted
         self._deaf = dict[str, tuple[float, float]]()  # by joint the times (s) of torques that cannot be used
         self._moved = math.nan  # when it moved last, infinite once it was said that it does not
-        self._refused = ""  # what was unreadable
+        self._refused, self._refusals = "", 0  # why samples were unreadable, and how many times
         self._last, self._step, self._back, self._replay = math.nan, math.nan, 0, False
 
     @property
@@ -303,8 +304,9 @@ class Watcher:
         # no joint moves yet, or the log cannot be smoothed: say why once, and wait for more
         except (ConfigError, InputError, np.linalg.LinAlgError) as error:
             (t, *_), self._estimation = self._take_held(count), None
-            last_reason, self._refused = self._refused, str(error)
-            return [] if last_reason == str(error) else [Unreadable(float(t[-1]), len(t), str(error))]
+            last_reason, self._refused, self._refusals = self._refused, str(error), self._refusals + 1
+            is_said = self._refusals <= MAX_REFUSALS or str(self._refusals).strip("0") == "1"
+            return [Unreadable(float(t[-1]), len(t), str(error))] if is_said and last_reason != str(error) else []
         return []
 
     @property

@@ -167,21 +167,14 @@ def payload(
     from dataclasses import replace
 
     from dynident.apps.payload import NoPayload, PayloadRequest, find_payload
-    from dynident.apps.payload.config import (
-        NUMBERS,
-        check_places,
-        payload_logs,
-        payload_name,
-        read_arm,
-        read_gains,
-        read_loaded,
-    )
+    from dynident.apps.payload.config import NUMBERS, payload_logs, payload_name, read_arm, read_gains, read_loaded
     from dynident.apps.payload.report import gains_table, payload_table, payload_words, shares_table, torque_table
-    from dynident.files.folder import result_folder
+    from dynident.files.folder import refuse_other_report, result_folder
     from dynident.files.opener import refuse_inputs, remember_inputs
     from dynident.report.words import note_lines
 
-    check_places(loaded, unloaded, out)
+    if out:
+        refuse_other_report(out, NUMBERS)
     for file in (result, *([gains] if gains else [])):
         remember_inputs(file)
     with result_folder(out) if out else nullcontext() as folder:

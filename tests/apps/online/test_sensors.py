@@ -130,7 +130,7 @@ def test_positions_that_are_in_degrees_for_a_while_jump_again_and_again_which_is
     q[BEGIN:END, 0] *= 180 / np.pi
     (*faults, back), rows = seen(q, tau)
     assert [event.kind for event in faults if isinstance(event, Fault)] == [FaultKind.JUMP] * 2 + [FaultKind.JUMPING]
-    assert "check its sensor, and the units" in faults[-1].words(str, ())
+    assert "check its sensor and the units" in faults[-1].words(str, ())
     assert isinstance(back, Back)
     assert STOP + 3.0 <= back.time < STOP + 3.2
     assert not rows[BEGIN + 20 : END].any()

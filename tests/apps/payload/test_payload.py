@@ -275,6 +275,9 @@ def test_recordings_of_another_arm_and_results_of_other_terms_are_refused() -> N
     other = replace(log, tau=log.tau[:, ::-1] * [1, -1, 1, -1, 1, -1])
     with pytest.raises(InputError, match=r"other: the arm of the result with any payload leaves .* of another arm"):
         find_payload(result(), {"other": other})
+    for loaded, unloaded in (({"a": log, "b": log}, None), ({"a": log}, {"b": log})):
+        with pytest.raises(InputError, match="b: holds the same samples as 'a'"):
+            find_payload(result(), loaded, unloaded)
     with pytest.raises(InputError, match="no joint 'j1'"):
         find_payload(result(), {"renamed": replace(log, joints=("a", "b", "c", "d", "e", "f"))})
     model, _ = arm()

@@ -193,7 +193,7 @@ class Fault(Event):
         if self.kind is FaultKind.JUMP:
             return f"{fault} at {since}, by {signed_text(self.size)} rad or m, which no joint can do"
         if self.kind is FaultKind.JUMPING:
-            why = "check its sensor, and the units of the stream; nothing is watched until it has not jumped for a minute"
+            why = "check its sensor and the units of the stream; nothing is watched until a minute without a jump"
             return f"{fault}, since {since}, which no joint can do: {why}"
         if self.kind is FaultKind.STILL:
             why = "the torques are not those of a rest, its sensor is dead; nothing is watched until it moves"

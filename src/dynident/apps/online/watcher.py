@@ -39,7 +39,8 @@ EMPTY_SPAN = (math.nan, math.nan, 0)  # first and last time (s) and samples of a
 MAX_TIME, MIN_STEP = 1e11, 1e-6  # s: stamps are within, and further apart
 GAP_STEP_GROWTH = 1.1  # of the usual step at a gap: after many in a row it was another
 SAVED = (  # attributes of a watcher that are its state, beside its parts
-    "smoothing", "known", "gram", "span", "waiting", "deaf", "moved", "refused", "refusals", "last", "step", "back", "replay",
+    "smoothing", "known", "gram", "span", "waiting", "deaf", "moved", "refused", "refusals", "last", "step", "back",
+    "replay",
 )  # fmt: skip
 MAX_REFUSALS = 3  # times that samples are unreadable for another reason, which are said; of more every tenth power
 FILTER_MARGIN = 0.5  # s beside a torque that cannot be used, by filters

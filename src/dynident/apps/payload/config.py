@@ -15,7 +15,6 @@ import numpy as np
 from dynident.apps.payload.body import Component, SameRecording
 from dynident.apps.payload.estimate import ArmEvidence, DriveGains
 from dynident.apps.payload.payload import Payload
-from dynident.files.folder import refuse_other_report
 from dynident.files.opener import content, real_path, remember_inputs
 from dynident.files.tables import recording_parts
 from dynident.files.yaml_text import is_deep
@@ -59,16 +58,6 @@ def read_arm(path: str | Path, *, allow_code: bool = False) -> Identification:
     identification = load(path, allow_code=allow_code)
     ArmEvidence.of(identification, str(path))
     return identification
-
-
-def check_places(loaded: Sequence[str], unloaded: Sequence[str], out: Path | None) -> None:
-    """Raise InputError where a recording is named as with and without the payload, ConfigError where ``out`` holds the
-    report of another command, such as that of the result."""
-    for text in loaded:
-        if text in unloaded:
-            raise InputError(f"{text}: is named as a recording with the payload and as one without; name it once.")
-    if out is not None:
-        refuse_other_report(out, NUMBERS)
 
 
 def payload_logs(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -33,7 +34,7 @@ from dynident.apps.payload.estimate import (
     solve_payload,
 )
 from dynident.estimators import LeastSquares
-from dynident.identification import Identification, Logs, identify
+from dynident.identification import Identification, Logs, identify, logs_by_name
 from dynident.models import Model
 from dynident.motion.log import stack_states
 from dynident.regression import BaseParameters, structural_base_parameters
@@ -140,6 +141,7 @@ def find_payload(
     mount = mount_of(identification.model, request.frame)
     if request.gains is not None:
         request = replace(request, gains=_match_gains(request.gains, identification.model))
+    _check_distinct(identification, loaded, unloaded or {})
     loaded_result = loaded
     if not isinstance(loaded_result, Identification):
         loaded_result = _identify_recordings(identification, loaded_result, "with the payload")
@@ -167,6 +169,19 @@ def _identify_recordings(identification: Identification, logs: Logs, words: str)
     estimator = LeastSquares(weights="per_joint")  # the model is on its base as it is tilted
     recipe = replace(identification.recipe, estimator=estimator, base_tilt=None, restart=None, terms=None, proposed=())
     return identify(replace(identification.model, load=None), logs, recipe=recipe)
+
+
+def _check_distinct(identification: Identification, loaded: Logs | Identification, unloaded: Logs) -> None:
+    """Raise InputError where a recording is given twice: it would count twice, or hide the payload."""
+    if isinstance(loaded, Identification):
+        shared = {file.sha256 for file in identification.provenance.logs} - {""}
+        for path in (file.path for file in loaded.provenance.logs if file.sha256 in shared):
+            raise InputError(f"{path}: both results were made from it; a payload is the difference of two recordings.")
+        loaded = {}
+    logs = [*logs_by_name(loaded, "loaded").items(), *logs_by_name(unloaded, "unloaded").items()]
+    for (name, log), (other_name, other) in combinations(logs, 2):
+        if np.array_equal(log.q, other.q) and np.array_equal(log.tau, other.tau):
+            raise InputError(f"{other_name}: holds the same samples as {name!r}; give each recording once.")
 
 
 def _check_same(identification: Identification, loaded_result: Identification) -> None:

@@ -54,14 +54,16 @@ def payload_words(payload: Payload) -> str:
         return (
             f"No payload is seen on {payload.mount.frame}: {mass_bound(payload.body.mass, float(payload.body.std[0]))}."
         )
-    body, (x, y, z) = payload.body, 1e3 * payload.body.centre
-    dx, dy, dz = 1e3 * body.std[1:4]
+    body = payload.body
     verb = "carried" if payload.request.removed else "carries"
     mass = f"{number_within(body.mass, body.std[0])} ± {number(body.std[0], 2)} kg"
-    return (
-        f"{payload.mount.frame} {verb} {mass}; centre of mass at "
-        f"({x:.1f} ± {dx:.1f}, {y:.1f} ± {dy:.1f}, {z:.1f} ± {dz:.1f}) mm in its frame."
-    )
+    centre = ", ".join(map(_length_text, 1e3 * body.centre, 1e3 * body.std[1:4]))
+    return f"{payload.mount.frame} {verb} {mass}; centre of mass at ({centre}) mm in its frame."
+
+
+def _length_text(value: float, std: float) -> str:
+    """Return a length (mm) with its standard error, to 0.1 mm unless it is better known."""
+    return f"{value:z.1f} ± {std:.1f}" if std >= 0.1 else f"{number_within(value, std)} ± {number(std, 2)}"
 
 
 def payload_table(payload: Payload) -> PageTable:

@@ -24,7 +24,7 @@ from dynident.project.export.servos import identified_model
 from dynident.project.export.written import Export, Exporter, ExportText, FileError, Proof, Reader, States
 from dynident.project.saved import source_files
 from dynident.regression import BLOCK
-from dynident.runtime import ConfigError, InputError, ModelError, check_type, choices, join_names
+from dynident.runtime import ConfigError, ModelError, check_type, choices, join_names
 from dynident.runtime.arrays import Array
 from dynident.runtime.families import EXPORTERS
 from dynident.validation import relative_error

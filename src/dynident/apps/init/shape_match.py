@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dynident.apps.init.match import Match, MovableJoint, columns_beside
 from dynident.apps.init.stamps import is_increasing
 from dynident.files.tables import DataTable
-from dynident.project.columns import COMMANDED, ColumnFamily, read_name
+from dynident.project.columns import COMMANDED, ColumnFamily, is_commanded, read_name
 from dynident.runtime.arrays import Array
 
 Mask = NDArray[np.bool_]
@@ -55,17 +55,19 @@ class _ColumnBlock:
 def match_by_shape(table: DataTable, joints: Sequence[MovableJoint]) -> tuple[Match | None, Match | None]:
     """Return the columns of positions and of torques, None where no block of columns looks like them.
 
-    Within a block, columns are in the order of the joints; where each joint has all its columns together, a block
-    has every second or third column. Columns that are constant, or increase as the time does, are neither, unless
-    they are in a block of others. The fingers of a gripper (sliding joints after
-    turning ones) may be missing.
+    Within a block, columns are of the joints that they name, else in the order of the joints; where each joint has all
+    its columns together, a block has every second or third column. Columns that are constant, or increase as the time
+    does, are neither, unless they are in a block of others. The fingers of a gripper (sliding joints after turning
+    ones) may be missing.
     """
     # columns that increase are clocks or counters; shorter ones belong to other logs
     rows = max((len(column) for column in table.columns.values()), default=0)
-    names = [name for name, x in table.columns.items() if len(x) == rows and not is_increasing(x)]
+    varying = [name for name, x in table.columns.items() if len(x) == rows and not is_increasing(x)]
+    # what was commanded was not measured: it is neither, whatever it looks like
+    names = _in_joint_order([name for name in varying if not is_commanded(name)] or varying, joints)
     joints = _recorded_joints(_named_order(table, joints), len(names))
     n = len(joints)
-    if rows < MIN_SAMPLES or not n or len(names) < 2 * n:
+    if rows < MIN_SAMPLES or not n or len(names) < n or len(varying) < 2 * n:
         return None, None
     X = _complete_rows(np.column_stack([table.columns[name] for name in names])[:MAX_SAMPLES])
     if len(X) < MIN_SAMPLES:
@@ -126,6 +128,17 @@ def sampling_step(table: DataTable, position: Match) -> float:
     steps = slopes[np.arange(len(moving)), C.argmax(axis=1)][C.max(axis=1) > MIN_DERIVATIVE_CORRELATION]
     is_sure = len(steps) > MIN_SURE_SHARE * len(moving)
     return float(np.median(steps)) if is_sure and steps.max() < MAX_UNIT_RATIO * steps.min() else np.nan
+
+
+def _in_joint_order(names: Sequence[str], joints: Sequence[MovableJoint]) -> list[str]:
+    """Return names of columns, those of one quantity in the order of the joints that they name."""
+    order, ordered = {joint.name: k for k, joint in enumerate(joints)}, list(names)
+    parsed = [read_name(name, order) for name in names]
+    for family in {name.family for name in parsed if name.joint}:
+        places = [k for k, name in enumerate(parsed) if name.joint and name.family == family]
+        for k, place in zip(places, sorted(places, key=lambda at: order[parsed[at].joint or ""]), strict=True):
+            ordered[k] = names[place]
+    return ordered
 
 
 def _named_order(table: DataTable, joints: Sequence[MovableJoint]) -> Sequence[MovableJoint]:

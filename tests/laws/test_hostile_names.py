@@ -154,6 +154,9 @@ class Tags(HTMLParser):
     def __init__(self, page):
         super().__init__()
         self.tags, self.running, self.links = [], [], []
+        figures = map(json.loads, re.findall(r'<script type="application/json">(.*?)</script>', page, re.DOTALL))
+        assert not ACTS.search(page.replace("\t", ""))
+        assert not ACTS.search(json.dumps(list(figures), ensure_ascii=False))
         self.feed(page)
 
     def handle_starttag(self, tag, attrs):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.runtime import InputError, Noun, install_command
+from dynident.runtime import InputError, Noun, escape_acting, install_command
 from dynident.runtime.arrays import Array
 
 if TYPE_CHECKING:
@@ -165,6 +165,8 @@ def _json_value(value: Any) -> Any:
         return _json_value(value.item())
     if isinstance(value, np.ndarray):
         return _pack_array(value) if value.size else []
+    if isinstance(value, str):
+        return escape_acting(value)
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -22,7 +22,7 @@ from urllib.parse import quote
 
 from markupsafe import Markup, escape
 
-from dynident.runtime import InputError, Noun, install_command
+from dynident.runtime import InputError, Noun, escape_acting, install_command
 
 if TYPE_CHECKING:
     import jinja2
@@ -246,7 +246,8 @@ def render(title: str, lead: str, sections: Sequence[PageSection]) -> str:
 
     template = _environment().get_template("page.html")
     made_by = {"version": __version__, "kernel": str(kernel())}
-    return template.render(title=title, lead=lead, sections=sections, plotly=plotly_packed, **made_by)
+    page = template.render(title=title, lead=lead, sections=sections, plotly=plotly_packed, **made_by)
+    return escape_acting(page)
 
 
 def stylesheet() -> str:

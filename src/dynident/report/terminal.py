@@ -20,7 +20,7 @@ from dynident.report.identification.parameters import parameter_figure, terminal
 from dynident.report.identification.report import verdict_text
 from dynident.report.identification.validation import error_table
 from dynident.report.page import Column, PageTable
-from dynident.runtime import InputError, Noun, Use, choices, join_names, number, shorten_names
+from dynident.runtime import InputError, Noun, Use, choices, escape_acting, join_names, number, shorten_names
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -213,7 +213,8 @@ def check_lines(check: CheckResult) -> str:
 
 def check_html(check: CheckResult) -> str:
     """Return the findings and the facts behind them as HTML for a notebook; all texts are escaped."""
-    return f"<div><p><b>{escape(check_summary(check))}</b></p>{''.join(map(_table_html, check_tables(check)))}</div>"
+    summary, tables = escape(check_summary(check)), "".join(map(_table_html, check_tables(check)))
+    return escape_acting(f"<div><p><b>{summary}</b></p>{tables}</div>")
 
 
 def _shorten(text: str) -> str:
@@ -228,7 +229,7 @@ def summary_html(identification: Identification) -> str:
         verdict = verdict_text(identification, None)
     parts = [f"<h4>{escape(identification.model.name)}</h4>", f"<p><b>{escape(verdict)}</b></p>"]
     parts += [*map(_table_html, (error_table(identification), table)), *(f"<p>{escape(note)}</p>" for note in notes)]
-    return f"<div>{''.join(parts)}</div>"
+    return escape_acting(f"<div>{''.join(parts)}</div>")
 
 
 def _table_html(table: PageTable) -> str:

@@ -47,6 +47,7 @@ from dynident.runtime.text import (
     as_number,
     capitalise,
     count,
+    escape_acting,
     instant,
     number,
     number_within,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -10,6 +11,8 @@ from typing import Any
 from dynident.runtime.errors import is_changed
 
 MAX_LISTED_ENTRIES = 8  # entries of a setting that are listed
+# control characters, and what turns the direction of writing
+ACTING_SIGNS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -74,6 +77,11 @@ def number_within(value: float, std: float) -> str:
 def capitalise(text: str) -> str:
     """Return a text with its first letter in upper case, all others as they are."""
     return f"{text[:1].upper()}{text[1:]}"
+
+
+def escape_acting(text: str) -> str:
+    """Return a text with escapes for control characters and signs that turn what follows, which HTML does not escape."""
+    return ACTING_SIGNS.sub(lambda sign: sign[0].encode("unicode_escape").decode(), text)
 
 
 def part_text(part: object) -> str:

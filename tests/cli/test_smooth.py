@@ -56,6 +56,10 @@ class TestSmooth:
         assert run(*words).exit_code == 0
         t = pl.read_csv(tmp_path / "out" / "smoothed.csv")["time"].to_numpy()
         assert t[0] == 12 * 3600
+        gaps = pl.read_csv(log).with_columns(pos=pl.when(pl.int_range(pl.len()) % 50 > 0).then("pos"))
+        gaps.with_columns(none=pl.lit(None, float)).write_csv(log)
+        assert f"{-(len(t) // -50)} rows left out" in succeed(*words).output.replace("\n", " ")
+        refuse(*words, "--column", "none", says="column 'none' holds no number")
         assert "seconds" not in run(*words, "--time-unit", "h").output
 
     @pytest.mark.parametrize(

@@ -202,7 +202,10 @@ def _overall_sentences(bound: AccuracyBound) -> Iterator[str]:
 def _worst_sentences(bound: AccuracyBound) -> Iterator[str]:
     """Yield what limits the least known parameters: those with one cause share a sentence."""
     groups: dict[tuple[str, str, Limit], list[int]] = {}
-    for k in np.argsort(-bound.relative, kind="stable")[:MAX_SENTENCES].tolist():
+    # a value of zero, such as one at a bound, has no relative error
+    has_share = np.isfinite(bound.relative) | ~np.isfinite(bound.std["now"])
+    order = np.argsort(-bound.relative, kind="stable")
+    for k in order[has_share[order]][:MAX_SENTENCES].tolist():
         noise, change, _ = _dominant_noise(bound, k)
         groups.setdefault((noise, change, _limit(bound, k)), []).append(k)
     for (noise, change, limit), members in groups.items():

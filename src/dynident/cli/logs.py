@@ -185,7 +185,7 @@ def smooth(
     from dynident.project.columns import read_name
     from dynident.project.fields import unit_factor
     from dynident.report.identification.validation import smooth_columns, smoothing_page, smoothing_table
-    from dynident.runtime import ConfigError
+    from dynident.runtime import ConfigError, count
 
     if lam is not None and rule != "constraint":
         raise ConfigError(f"--lam and --rule {rule} contradict each other; give one of them.")
@@ -210,7 +210,8 @@ def smooth(
     screen = console()
     if unit is None and time_unit != "s":
         screen.remark(f"{time_column!r} is read in {time_unit}, as its name says; else give --time-unit.")
-    for note in table.notes:
+    missing = [f"{count(smoothed.missing, 'row')} left out, where columns are empty or NaN."] * bool(smoothed.missing)
+    for note in (*table.notes, *missing):
         screen.remark(f"Warning: {note}", "yellow")
     screen.show(smoothing_table(smoothed.names, smoothed.fit))
     print_files(screen, written)

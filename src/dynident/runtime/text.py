@@ -80,7 +80,7 @@ def capitalise(text: str) -> str:
 
 
 def escape_acting(text: str) -> str:
-    """Return a text with escapes for control characters and signs that turn what follows, which HTML does not escape."""
+    """Return a text with escapes for control characters and signs that turn what follows: HTML escapes neither."""
     return ACTING_SIGNS.sub(lambda sign: sign[0].encode("unicode_escape").decode(), text)
 
 

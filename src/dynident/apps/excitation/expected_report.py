@@ -222,7 +222,7 @@ def expected_findings(design: Design) -> Iterator[str]:
     if len(shares):
         yield (
             f"The torque depends on {count(len(info.std), 'combination')} of masses, inertias and friction (base "
-            f"parameters), {len(shares)} of which have a nominal value. Of these {_grades(shares)}, by one standard "
+            f"parameters), {len(shares)} of them with a nominal value. Of these {_grades(shares)}, by one standard "
             "error."
         )
         # The standard error falls with the root of the duration

@@ -145,7 +145,7 @@ def run_figure(run: FreeRun, joint: str, unit: str = "rad", points: int = 2000) 
 def smoothing_figure(t: Array, measured: Array, smoothed: Sequence[Array], points: int = 4000) -> Drawing:
     """Draw smoothed values (N), the measured ones, and the two derivatives over time, one panel each."""
     curves = dict(zip(("smoothed", "first derivative", "second derivative"), smoothed, strict=True))
-    figure = _stack_panels(t, ["value", "first derivative", "second derivative"], curves, points)
+    figure = _stack_panels(t, ["value", "per s", "per s²"], curves, points)
     figure.add(curve(t, measured, "measured", {"color": INK, "width": 0.8}, points), row=1)
     return figure
 

@@ -222,7 +222,7 @@ def prediction_frame(logs: Sequence[tuple[LogValidation, bool]]) -> pl.DataFrame
 class SmoothedTable(Noun):
     """Columns of a file with their spline: ``names`` (k) of ``measured`` (N, k), over the column ``time``.
 
-    ``stamps`` (N) are the values of that column, in its own unit.
+    ``stamps`` (N) are the values of that column, in its own unit; ``missing`` rows are left out, as they lack a number.
     """
 
     time: str
@@ -230,6 +230,7 @@ class SmoothedTable(Noun):
     names: tuple[str, ...]
     measured: Array
     fit: SmoothingSpline
+    missing: int = 0
 
     def frame(self) -> pl.DataFrame:
         """Return a table of the time, the smoothed columns, and their first (d_) and second (dd_) derivatives."""
@@ -253,7 +254,7 @@ def smooth_columns(
     has the name of another one's derivative.
     """
     stamps = table.column(time)
-    names = tuple(columns) or tuple(name for name in table.columns if name != time)
+    names = tuple(columns) or tuple(name for name, x in table.columns.items() if name != time and np.isfinite(x).any())
     if not names:
         raise InputError(f"{table.source}: holds no column of numbers besides {time!r} to smooth.")
     derivatives = [f"{prefix}{name}" for prefix in _PREFIXES[1:] for name in names]
@@ -262,11 +263,16 @@ def smooth_columns(
     if wrong := [name for name in names if len(table.column(name)) != len(stamps)]:
         raise InputError(f"{table.source}: column {wrong[0]!r} and {time!r} differ in length.")
     measured = np.column_stack([table.column(name) for name in names])
+    if not (has_number := np.isfinite(measured).any(axis=0)).all():
+        empty = names[int(has_number.argmin())]
+        raise InputError(f"{table.source}: column {empty!r} holds no number; choose others with --column.")
+    keep = np.isfinite(measured).all(axis=1) & np.isfinite(stamps)
+    stamps, measured = stamps[keep], measured[keep]
     try:
         fit = smooth(unit * stamps, measured, rule, sigma=sigma, names=[f"column {name!r}" for name in names])
     except InputError as error:
         raise InputError(f"{table.source}: {error}") from error
-    return SmoothedTable(time, stamps, names, measured, fit)
+    return SmoothedTable(time, stamps, names, measured, fit, int((~keep).sum()))
 
 
 def smoothing_table(names: Sequence[str], fit: SmoothingSpline) -> PageTable:

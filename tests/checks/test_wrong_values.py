@@ -11,12 +11,18 @@ import pytest
 from dynident.checks.explain import explain_residual
 from dynident.checks.misfit import misfit
 from dynident.checks.robot_notes import AxisTilted, ClockWrong, LengthWrong, PositionGear, TorqueGain, ZeroOff
-from dynident.checks.suspects import gain_suspects, geometry_suspects
+from dynident.checks.suspects import _perpendicular_axes, gain_suspects, geometry_suspects
 from dynident.models.lagrangian import slider
 from dynident.motion.log import Motion
 from dynident.runtime import Finding
 from tests.checks.moving_arm import MOVED, arm, case, motion, text
 from tests.kept import check_kept
+
+
+def test_axes_across_another_are_unit_vectors_perpendicular_to_it() -> None:
+    axis = np.array([0.48, 0.6, 0.64])
+    axes = np.array([axis, *_perpendicular_axes(axis)])
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
 
 
 def on_joint(joint: int, value: float, others: float = 1.0) -> np.ndarray:

@@ -8,7 +8,10 @@ import pytest
 from dynident.estimators import LeastSquares, PhysicallyConsistent, Ridge
 from dynident.estimators.notes import DrawnToPrior
 from dynident.estimators.ridge import _usual_sizes
+from dynident.models import Joint, Model
+from dynident.models.friction import Viscous
 from dynident.models.lagrangian import two_link_arm
+from dynident.motion.log import Motion
 from dynident.runtime import ConfigError
 from dynident.testing.estimator import make_problem, multisine_motion, truth
 
@@ -35,6 +38,15 @@ def test_closed_form():
     np.testing.assert_allclose(result.value, np.linalg.solve(X.T @ X + K, X.T @ y + K @ prior), rtol=1e-8)
     moved = result.value - plain.value
     np.testing.assert_allclose(result.covariance, plain.covariance + np.outer(moved, moved), rtol=1e-6, atol=1e-12)
+
+
+def test_a_parameter_without_a_value_is_of_the_size_that_explains_the_whole_torque():
+    t = np.arange(100.0)
+    dq = np.sin(t)[:, None]
+    motion = Motion(t, dq, dq, dq, 3 * dq + 1, ("a",), dq[:, 0] < 2)
+    problem = make_problem(Model((Viscous((Joint("a"),)),)), motion)
+    size = _usual_sizes(problem.model, problem.regression.triangular_factors, np.ones(1))
+    np.testing.assert_allclose(size, np.linalg.norm(motion.tau) / np.linalg.norm(dq))
 
 
 def test_strength_by_cross_validation():

@@ -181,12 +181,12 @@ def test_arrays_of_other_lengths_are_reported_and_those_along_rows_a_question(ar
 def test_files_that_make_one_log_are_joined(arm, tmp_path):
     for name in ("position", "effort"):
         rows = np.column_stack([SOUND[f"elbow.{name}"], SOUND[f"shoulder.{name}"]])
-        np.savetxt(f"run_{name}_log.csv", rows, delimiter=",", header="elbow,shoulder", comments="")
+        np.savetxt(f"run_joint_{name}_log.csv", rows, delimiter=",", header="elbow,shoulder", comments="")
     np.savetxt("run_time_log.csv", T, header="clock", comments="")
-    succeed("init", arm, "run_position_log.csv+run_effort_log.csv+run_time_log.csv")
+    succeed("init", arm, "run_joint_position_log.csv+run_joint_effort_log.csv+run_time_log.csv")
     config = parse_config((tmp_path / "identify.yaml").read_text())
-    assert list(config.train[0].file) == ["position", "effort", "time"]
-    assert (config.torque["elbow"].column, config.time.column) == ("effort.elbow", "time.clock")
+    assert list(config.train[0].file) == ["joint_position", "joint_effort", "time"]
+    assert (config.torque["elbow"].column, config.time.column) == ("joint_effort.elbow", "time.clock")
 
 
 def test_files_of_one_log_that_differ_in_their_rate_are_refused(arm, tmp_path):

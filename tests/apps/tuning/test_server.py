@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from queue import SimpleQueue
 from typing import Any
 
 import pytest
@@ -53,14 +54,16 @@ def test_a_free_port_and_a_secret() -> None:
         assert ask(port, "/here", "evil.example")[0].status == 403
 
 
-def test_no_browser_where_there_is_no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
-    opened: list[str] = []
-    monkeypatch.setattr("webbrowser.open", opened.append)
+def test_a_browser_is_opened_where_there_is_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = SimpleQueue[str]()
+    monkeypatch.setattr("webbrowser.open", opened.put)
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr("sys.platform", "linux")
-    server.open_browser(server.Address(1, "x"))
-    assert opened == []
+    for port, platform in enumerate(("linux", "darwin")):
+        monkeypatch.setattr("sys.platform", platform)
+        server.open_browser(server.Address(port, "x"))
+    assert opened.get(timeout=10) == str(server.Address(1, "x"))
+    assert opened.empty()
 
 
 HOST = "127.0.0.1:8050"

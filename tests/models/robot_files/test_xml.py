@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynident.models.robot_files import exact_angle
+from dynident.models.robot_files import RobotJointLimits, exact_angle
 
 
 @pytest.mark.parametrize(
@@ -24,3 +24,10 @@ def test_a_printed_angle_stands_for_the_multiple_of_15_degrees_that_rounds_or_cu
 )
 def test_other_angles_stay(word: str) -> None:
     assert exact_angle(word) == float(word)
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "position"), [(None, None, 0.0), (-2.0, 3.0, 0.0), (0.5, None, 0.5), (None, -0.5, -0.5)]
+)
+def test_the_position_nearest_to_zero_is_within_the_limits(lower, upper, position):
+    assert RobotJointLimits(lower=lower, upper=upper).nearest_to_zero == position

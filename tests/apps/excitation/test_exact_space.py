@@ -10,10 +10,11 @@ import dynident as dy
 from dynident.apps.demo import demo_files
 from dynident.apps.excitation import build_space, exact_space
 from dynident.apps.excitation.clearance import neighbours, refuse_contact
-from dynident.apps.excitation.exact_space import build_capsule_space, sample_poses, sample_robot_poses
+from dynident.apps.excitation.exact_space import _coal_shape, build_capsule_space, sample_poses, sample_robot_poses
 from dynident.files.meshes import read_geometry
-from dynident.models import Box, Capsule, Cylinder, Floor, Mesh
+from dynident.models import Box, Capsule, Cylinder, Floor, Mesh, Solid
 from dynident.models.geometry import build_geometry
+from dynident.models.robot_files import ShapeKind
 from dynident.runtime import ConfigError, InputError
 from tests.apps.excitation.meshes import BENT
 from tests.apps.excitation.test_clearance import BRANCHED
@@ -92,6 +93,11 @@ def test_what_capsules_do_not_keep_apart_is_not_asked_of_the_shapes(monkeypatch)
     always = exact_space(geometry, watched, swing)
     assert always is not None
     assert always.pairs == (("arm", "hand"),)
+
+
+def test_a_cylinder_has_its_radius_and_height() -> None:
+    shape = _coal_shape(Solid("post", 0, ShapeKind.CYLINDER, (0.1, 0.4), np.eye(4)))
+    assert (shape.radius, shape.halfLength) == (0.1, 0.4)
 
 
 def test_a_flat_mesh_is_its_triangles() -> None:

@@ -9,7 +9,8 @@ import pytest
 
 from dynident.project.config import parse_config
 from dynident.project.export import Servo, export
-from dynident.project.export.servos import servos_of
+from dynident.project.export.identified import drives
+from dynident.project.export.servos import ranges, servos_of
 from dynident.project.export.simulators import Drake, DrakeDirectives, IsaacLab, PinocchioFile
 from dynident.runtime import DynidentError
 from tests.project.export.arms import STATES, arm
@@ -59,6 +60,14 @@ def test_a_wrong_value_is_noticed(exporter):
     else:
         difference = reader(wrong, identified(), STATES) - reader(made.written.text, identified(), STATES)
         np.testing.assert_allclose(difference[:, 1], 0.1 * STATES[2][:, 1], atol=1e-9)
+
+
+def test_ranges_are_those_of_95_percent_and_not_below_zero():
+    some = identified()
+    narrow, wide = (ranges(replace(some, std=k * some.std), drives(some, armature=True)) for k in (1.0, 1e3))
+    assert {"armature", "damping", "friction", "mass"} == {x.attribute for x in narrow}
+    assert all(x.high - x.low == pytest.approx(2 * 1.96 * 0.01, rel=1e-4) for x in narrow)
+    assert {x.low for x in wide} == {0.0}
 
 
 def test_directives_weld_the_root_as_gravity_has_it():

@@ -37,7 +37,6 @@ def explained(moved: Motion, suspect: Suspect, without: str = "") -> tuple[Misfi
     """The fit of a motion by the arm or one that lacks a term, and what one step of a suspect explains of it."""
     fit = misfit(case(moved, arm(without=without)))
     (score,) = fit.score_tests([suspect.derivative(fit)])
-    assert score is not None
     corrected = suspect.correct_case(fit.case, float(np.clip(score.value, -0.5, 0.5)))
     share = 1.0 - misfit(corrected, fit.weight.max(axis=0)).size / fit.size
     assert share > 0.04

@@ -62,7 +62,6 @@ def test_noisy_stamps_with_lost_samples_are_not_to_be_replaced_by_a_rate() -> No
 
 def test_equal_spacing_is_taken_where_the_stamps_jitter_and_only_there() -> None:
     spaced, note = respace(log(EVEN + JITTER + 1e3, EVEN))
-    assert note is not None
     assert (note.jitter, note.lost) == (pytest.approx(timing(log(EVEN + JITTER, EVEN)).jitter), 0)
     assert note.factor == pytest.approx(1 / timing(log(EVEN + JITTER, EVEN)).even, rel=0.01)
     assert note.rate == pytest.approx(200, rel=1e-5)

@@ -127,8 +127,6 @@ def test_a_reader_that_has_seen_enough(tmp_path: Path) -> None:
     """``dynident check ... | head -1``; it closes the pipe while more is to come."""
     for words in (("check", *[robot(tmp_path)] * 4), ("--help",)):
         with command(*words) as process:
-            assert process.stdout is not None
-            assert process.stderr is not None
             process.stdout.readline()
             process.stdout.close()
             assert process.stderr.read() == ""
@@ -175,7 +173,6 @@ def test_an_interrupt_while_a_class_is_made(tmp_path: Path) -> None:
 
 def test_an_interrupt_from_outside(tmp_path: Path) -> None:
     with command("check", *[robot(tmp_path)] * 2000) as process:
-        assert process.stdout is not None
         process.stdout.readline()
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate()

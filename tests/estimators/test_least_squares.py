@@ -142,7 +142,6 @@ def problem(model: Model, theta: Array, noise: Array, still: tuple[int, ...] = (
 def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
     """95 % intervals and the ellipsoid of all parameters, over many noises of the same motion."""
     model, runs, sigma = two_link_arm(), 250, 0.2
-    assert model.values is not None
     rng = np.random.default_rng(5)
     p, freedom = len(model.names), 200 - 7
     inside, distance = np.zeros((runs, p), dtype=bool), np.zeros(runs)

@@ -31,7 +31,6 @@ def test_errors_are_those_of_the_bound() -> None:
 def test_the_noise_is_found_and_nothing_is_to_be_noted() -> None:
     result = GeneralisedLeastSquares()(noisy(COLOURED, 0, 10_000))
     noise = result.residual.whitening
-    assert noise is not None
     assert noise.orders == COLOURED.orders
     np.testing.assert_allclose(noise.covariance, COLOURED.covariance, rtol=0.06)
     assert result.notes == ()

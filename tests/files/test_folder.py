@@ -185,7 +185,6 @@ class TestLock:
         )
         words = [sys.executable, "-c", script, str(out)]
         with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
-            assert process.stdout is not None
             assert process.stdout.readline() == "held\n"
             with pytest.raises(InputError, match=rf"process {process.pid} on"):
                 write_new(out)

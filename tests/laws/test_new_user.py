@@ -39,7 +39,6 @@ def truth() -> tuple[Model, np.ndarray]:
     rotor = RotorInertia(joints, values=(0.05, 0.03))
     friction = (Viscous(joints, values=(1.0, 0.5)), Coulomb(joints, values=(0.8, 0.4)))
     arm = Model((bodies, rotor, *friction, Offset(joints, values=(0.1, -0.05))))
-    assert arm.values is not None
     return arm, arm.values
 
 

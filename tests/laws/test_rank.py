@@ -136,8 +136,6 @@ def test_the_elbow_of_a_planar_arm_may_be_printed_with_any_digits(angle: str, es
     assert angle in text
     fit = fitted(driven(text), estimator)
     rank = exact("2R")
-    assert fit.base.on_data is not None
-    assert fit.base.structural is not None
     assert (fit.estimate.determined.rank, fit.base.on_data.rank, fit.base.structural.rank) == (rank, rank, rank)
     assert len(fit.base.on_data.independent) == rank
     said = [(note.rank, note.parameters) for note in fit.estimate.notes if isinstance(note, RankDeficient)]
@@ -209,7 +207,6 @@ def test_a_finger_on_a_palletiser_takes_no_rank_from_it() -> None:
     for estimator in (LeastSquares(), LeastSquares(weights="per_joint"), PhysicallyConsistent(costs=False)):
         estimate = estimator(Problem(model, (motion,), regression))
         assert estimate.determined.rank == structural.rank
-        assert estimate.determined.directions is not None
         basis = base_parameters(estimate.determined.directions, model.parameters)
         std = base_std(basis, regression.triangular_factors, estimate.residual.sigma, estimate.residual.weights)
         free = estimate.consistency.unconstrained if estimate.consistency else None
@@ -233,10 +230,8 @@ def test_a_rounded_angle_is_noted_and_written_as_it_was_read() -> None:
     assert isinstance(bodies, RigidBodies)
     (note,) = (note for note in bodies.notes if "rounded" in note)
     assert "3.1416 of 'j2' as 3.141592654" in note
-    assert model.values is not None
     made = export(IdentifiedModel(model, model.values), Urdf(), random_states(2, np.random.default_rng(0)))
     assert made.ready, made.refusal
-    assert made.written is not None
     assert repr(np.pi) in made.written.text
     assert "3.1416 " not in made.written.text
 
@@ -253,10 +248,8 @@ def test_angles_of_an_mjcf_too() -> None:
         np.testing.assert_array_equal(first.placement, second.placement)
     assert any("3.1416 of 'b'" in note and "1.571 of 'c'" in note for note in rounded.notes)
     model = Model((rounded,))
-    assert model.values is not None
     made = export(IdentifiedModel(model, model.values), Mjcf(), random_states(3, np.random.default_rng(0)))
     assert made.ready, made.refusal
-    assert made.written is not None
     assert f'euler="{HALF!r} 0 0"' in made.written.text
     assert f'axisangle="1 0 0 {RIGHT!r}"' in made.written.text
 
@@ -271,9 +264,6 @@ def test_intervals_of_the_consistent_fit_hold_on_an_arm_without_a_spherical_wris
     for seed in range(4):
         result = identify(model, [recorded(motion, seed)], recipe=recipe)
         basis, std = result.base.on_data, result.errors.base_std
-        assert basis is not None
-        assert result.base.structural is not None
-        assert std is not None
         assert (result.estimate.determined.rank, basis.rank, result.base.structural.rank) == (exact("bent"),) * 3
         error = np.abs(basis.to_base(result.estimate.value) - basis.to_base(true.values)) / std
         inside, total, worst = inside + int((error < 1.96).sum()), total + len(error), max(worst, error.max())
@@ -301,12 +291,7 @@ def test_intervals_hold_where_the_true_bodies_break_physics_and_a_note_says_what
     for seed in range(2):
         result = identify(model, [recorded(motion, seed, 0.0, share=0.004)], recipe=recipe)
         basis, estimate, errors = result.base.on_data, result.estimate, result.errors
-        assert basis is not None
-        assert errors.base_std_independent is not None
-        assert errors.base_std is not None
-        assert estimate.consistency is not None
         free = estimate.consistency.unconstrained
-        assert free is not None
         error = np.abs(basis.to_base(estimate.value) - basis.to_base(true.values))
         held = np.abs(basis.to_base(estimate.value - free))
         least_squares = np.sqrt(errors.base_std_independent**2 - held**2)

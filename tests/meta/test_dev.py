@@ -78,7 +78,6 @@ def test_the_exit_code_and_the_streams_are_those_of_the_command(user: Path) -> N
 def test_a_signal_reaches_the_command(user: Path) -> None:
     (user / "arm.urdf").write_text(ARM)
     process = start(user, "run", "check", *["arm.urdf"] * 2000)
-    assert process.stdout is not None
     process.stdout.readline()
     process.send_signal(signal.SIGTERM)
     assert process.communicate()[1].startswith("Interrupted: ")
@@ -248,7 +247,6 @@ def test_ctrl_c_is_for_the_command_to_answer(project: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-c", code], stdout=pipe, stderr=pipe, text=True, start_new_session=True
     )
-    assert process.stdout is not None
     assert process.stdout.readline() == "up\n"
     os.killpg(process.pid, signal.SIGINT)
     assert process.communicate()[1] == ""

@@ -44,7 +44,6 @@ def test_the_wheels_are_tried_with_every_version_of_python() -> None:
 def test_the_release_has_one_date_and_a_summary() -> None:
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     heading = re.search(rf"^## \[{re.escape(__version__)}\] - (\S+)\n\n(.)", text, re.MULTILINE)
-    assert heading is not None
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     if heading[1] != "unreleased":
         assert heading[1] == str(citation["date-released"])

@@ -21,12 +21,10 @@ def limits_of(names: list[str], velocities: list[float]) -> dict[str, RobotJoint
 def test_an_arm_is_known_by_names_and_velocities() -> None:
     names = [f"arm_panda_joint{k}" for k in range(1, 8)]
     panda = find_arm(limits_of(names, [2.175] * 4 + [2.61] * 3))
-    assert panda is not None
     assert panda.name == "Franka Emika Panda"
     assert panda.limits["arm_panda_joint2"] == {"acceleration": 7.5, "jerk": 3750.0}
     assert "libfranka" in panda.source
     ur = find_arm(limits_of([f"left_{name}" for name in UNIVERSAL_ROBOTS], [3.14159] * 6))
-    assert ur is not None
     assert ur.name == "Universal Robots UR5e"
     assert set(ur.limits["left_elbow_joint"]) == {"acceleration"}
 
@@ -40,6 +38,5 @@ def test_each_arm_of_the_table_is_found(entry: dict) -> None:
     )
     limits = {name: RobotJointLimits(velocity=v, upper=x) for name, v, x in zip(names, velocity, upper, strict=True)}
     arm = find_arm(limits)
-    assert arm is not None
     assert arm.name == entry["name"]
     assert "/" in arm.source

@@ -89,7 +89,6 @@ def test_it_repeats_the_result_from_another_folder(chosen: Identification, tmp_p
     path = written(chosen, tmp_path / "else where" / "fixed.yaml")
     again = run(path)
     assert again.calibration.terms is None
-    assert again.model.load is not None
     np.testing.assert_allclose(again.model.load, chosen.model.load, rtol=1e-9, atol=1e-12)
     assert_same_torque(chosen, again)
 
@@ -112,7 +111,6 @@ def test_comments_say_why_and_end_with_their_line(chosen: Identification, tmp_pa
     read_config(path)
     text = written(chosen, path).read_text(encoding="utf-8")
     choice = chosen.calibration.terms
-    assert choice is not None
     entered = [trial for trial in choice.trials if trial.outcome.name == "ENTERED"]
     assert entered
     assert all(f"gain {x.gain:.3g} +- " in text for x in entered if 0.1 < x.gain < 99.9)
@@ -127,7 +125,6 @@ def test_settings_of_a_part_inside_another_are_left_out_likewise(tmp_path: Path)
 def test_too_few_samples_leave_the_plain_set(tmp_path: Path) -> None:
     outcome = run(write(tmp_path / "a", **QUICK | {"train": [{"file": "logs/mon: #day.csv", "window": [0, 2.5]}]}))
     choice = outcome.calibration.terms
-    assert choice is not None
     assert choice.trials == ()
     assert [type(x).__name__ for x in outcome.model.terms[1:]] == ["RotorInertia", "Viscous", "Coulomb", "Offset"]
     again = load(outcome.save(tmp_path / "result.json"))

@@ -94,12 +94,10 @@ def test_the_result_is_that_of_the_recording_in_memory(folder: Path, identificat
 
 def test_what_is_left_in_the_pieces_is_saved_and_reported(identification: Identification, tmp_path: Path) -> None:
     pieces = identification.estimate.residual.pieces
-    assert pieces is not None
     assert pieces.rows.shape == (4, 1)
     assert sum(isinstance(note, InPieces) for note in identification.notes) == 1
     again = load(identification.save(tmp_path / "result.json"))
     saved = again.estimate.residual.pieces
-    assert saved is not None
     for name in ("begins", "ends", "rows", "torque", "residual"):
         np.testing.assert_array_equal(getattr(saved, name), getattr(pieces, name))
     page = identification_page(identification)

@@ -133,7 +133,6 @@ def test_the_noise_of_whitened_rows_is_kept(tmp_path: Path) -> None:
 def test_numbers_that_are_not_finite_and_rare_nouns_are_kept(tmp_path: Path) -> None:
     model, result = by_least_squares()
     first, *rest = result.validations
-    assert first.free_run is not None
     errors = replace(first.errors, relative_error=np.nan, rmse={"joint1": np.inf, "joint2": -np.inf})
     run = replace(first.free_run, failure=RunsAway(np.nextafter(0.1, 1)))
     odd = replace(
@@ -171,7 +170,6 @@ def test_a_result_of_version_1_is_read() -> None:
     assert result.warnings == ()
     assert result.recipe.smoother == TimeShifted(Spline(factor=4.0), 0.001)
     assert [log.role for log in result.validations] == ["train", "validation"]
-    assert result.calibration.smoother is not None
     assert result.calibration.smoother.smoother == result.recipe.smoother
     assert np.all(np.isfinite(result.estimate.covariance))
 

@@ -14,7 +14,6 @@ from dynident.regression import ParallelFilter, Regression, Selection
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 ARM = two_link_arm()
-assert ARM.values is not None
 THETA = ARM.values
 RATE = 100.0
 

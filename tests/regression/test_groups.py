@@ -49,7 +49,6 @@ def test_a_tenth_of_a_motion_is_passed_again() -> None:
     q = np.column_stack([np.sin(t), np.sin(1.7 * t)])
     first, second = (Motion(t, q, 0 * q, 0 * q, 0 * q, ("a", "b"), np.arange(2000) < n) for n in (2000, 210))
     pairs = repeated_rows(first, second)
-    assert pairs is not None
     assert np.array_equal(pairs, [np.arange(210)] * 2)
     assert repeated_rows(first, Motion(t, q, 0 * q, 0 * q, 0 * q, ("a", "b"), np.arange(2000) < 190)) is None
 

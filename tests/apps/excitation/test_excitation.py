@@ -113,7 +113,6 @@ def test_logs_of_a_configuration_give_parameters_and_noise_and_a_result_its_info
     again = read_excitation(tmp_path / "result.json")
     assert again.origin is NoiseOrigin.RESULT
     assert again.limits.velocity[0] == pytest.approx(0.9)  # the settings are those of its configuration
-    assert again.request.prior is not None
     covariance = np.linalg.inv(again.request.prior)
     np.testing.assert_allclose(covariance, result.errors.base_covariance, rtol=1e-6)
     old = knowledge_of_result(replace(result, errors=replace(result.errors, base_covariance=None)))
@@ -156,12 +155,10 @@ def test_folders_of_packages_are_relative_to_their_settings(robot: Path, tmp_pat
     shape = '<collision><geometry><mesh filename="package://arm/part.obj"/></geometry></collision></link>'
     robot.write_text(robot.read_text().replace("</link>", shape))
     lost = read_excitation(robot)
-    assert lost.geometry is not None
     assert set(lost.geometry.missing) == {"package://arm/part.obj"}
     assert any("name the folder of their package (`packages`" in line for line in shape_words(lost))
     (tmp_path / "cell").mkdir()
     excitation = read_excitation(robot, written(tmp_path / "cell" / "cell.yaml", {"packages": ["../far"]}))
-    assert excitation.geometry is not None
     assert not excitation.geometry.missing
     assert yaml.safe_load(recording_config(excitation, tmp_path / "out"))["excitation"]["packages"] == ["../far"]
     for folder, words in (("nowhere", r"packages: there is no folder '.*nowhere'"), (3, r"packages\[0\]: the name of")):

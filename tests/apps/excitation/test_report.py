@@ -55,7 +55,6 @@ def test_usual_limits_of_a_known_arm_are_offered_where_a_rule_stands(monkeypatch
     assert said.startswith(words)
     assert "--settings limits.yaml" in said
     arm = usual_arm(ruled.model, ruled.limits)
-    assert arm is not None
     given = {"lift": JointLimits(acceleration=1.0, upper=0.5)}
     changed = replace(project, settings=project.settings.model_copy(update={"limits": given}))
     text = yaml.safe_load(_limits_text(changed, arm))

@@ -83,7 +83,6 @@ def test_what_changes_is_found_with_its_size_and_nothing_else() -> None:
         wear = next(x for x in changes.of("robot7") if x.group is GROUPS[RIPPLE])
         assert wear.shape is ChangeShape.DRIFT
         assert (np.abs(wear.size - 0.3 * SIZE[10:]) < 4 * wear.std).all()
-        assert wear.per_day is not None
         np.testing.assert_allclose(wear.per_day, wear.size / (105.0 - wear.day))
     assert len(flagged) <= 2  # of 15 quiet robots, and further changes of others
     assert np.abs(scores).max() < 4

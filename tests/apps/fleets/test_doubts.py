@@ -85,7 +85,6 @@ def test_a_residual_that_grows_is_found_at_its_joint_beside_a_change_of_paramete
     (change,) = changes.of("robot2")
     assert abs(change.size[0] - 0.5) < 4 * change.std[0]
     assert changes.p_values["robot2"] == change.p_value < 0.01
-    assert changes.residual_scatter is not None
     assert abs(np.sqrt(changes.residual_scatter.covariance[1, 1]) - DAILY) < 0.02
 
 

@@ -101,7 +101,6 @@ def test_blocks_stay_blocks_where_another_order_is_hardly_smoother() -> None:
     """A torque of gravity alone is smoother than the position of a faster joint."""
     q = np.column_stack([np.sin(T), np.sin(1.3 * T)])
     position, _ = match_by_shape(table(q, np.column_stack([9 * np.sin(q[:, 0]), 5 * np.sin(3 * q[:, 1])])), JOINTS[:2])
-    assert position is not None
     assert list(position.columns.values()) == ["1", "2"]
 
 
@@ -134,8 +133,6 @@ def test_commanded_positions_are_a_rival() -> None:
     delayed = np.roll(BLOCKS["q"], 2, axis=0)
     delayed[:2] = BLOCKS["q"][0]
     position, torque = match_by_shape(table(delayed, BLOCKS["q"], BLOCKS["dq"], BLOCKS["tau"]), JOINTS)
-    assert position is not None
-    assert torque is not None
     assert "nearly the same" in position.question
     assert list(torque.columns.values()) == [str(k) for k in range(19, 25)]
 
@@ -172,10 +169,8 @@ def test_columns_that_show_nothing_are_not_matched(columns: NDArray) -> None:
 def test_the_smoothest_block_has_the_positions_whatever_the_unit_of_the_others(unit: float) -> None:
     for q in (BLOCKS["q"], np.rad2deg(BLOCKS["q"])):  # in degrees beyond reach in rad, where the others are within it
         position, _ = match_by_shape(table(unit * BLOCKS["tau"], q), JOINTS)
-        assert position is not None
         assert list(position.columns.values()) == [str(k) for k in range(7, 13)]
     position, torque = match_by_shape(table(_noise(5.0), BLOCKS["q"]), JOINTS)
-    assert position is not None
     assert list(position.columns.values()) == [str(k) for k in range(7, 13)]
     assert torque is None
 

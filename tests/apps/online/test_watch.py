@@ -93,8 +93,6 @@ def same(knowledge: Knowledge, other: Knowledge) -> None:
         len(other.windows),
         len(other.blocks),
     )
-    assert knowledge.reference is not None
-    assert other.reference is not None
     np.testing.assert_array_equal(knowledge.reference.value, other.reference.value)
     for a, b in zip(knowledge.windows, other.windows, strict=True):
         np.testing.assert_array_equal(a.score, b.score)
@@ -103,7 +101,6 @@ def same(knowledge: Knowledge, other: Knowledge) -> None:
 def test_a_change_in_a_file_is_found_written_and_said_as_before(undisturbed: tuple[list[Event], Watch]) -> None:
     events, watch = undisturbed
     assert abs(next(event for event in events if isinstance(event, Changed)).since - CHANGE) <= 2.0
-    assert watch.folder is not None
     said = [json.loads(line) for line in (watch.folder.path / EVENTS).read_text().splitlines()]
     assert said == [{"id": k, **json.loads(json.dumps(event_data(x)))} for k, x in enumerate(events, 1)]
     check_kept("watched", "\n".join(str(event_line(event, ("slider",))) for event in events))

@@ -128,7 +128,6 @@ def test_the_combination_of_the_configuration_has_the_errors_of_identify(tmp_pat
     project = make_project(tmp_path, more="min_speed: 0.5\n")
     ranking = compare(project, smoothers=[], estimators=[], folds=0)
     configured_entry = ranking.configured_entry
-    assert configured_entry is not None
     assert ranking.block * ranking.blocks == pytest.approx(8.0, rel=0.01)  # the drawn blocks make up the held-out log
     errors = {validation.role: validation.errors for validation in dy.run(project).validations}
     assert configured_entry.held_out == pytest.approx(errors["validation"].per_joint, rel=1e-12)
@@ -319,8 +318,6 @@ def test_known_truth_gives_errors_and_coverage(project: Path, tmp_path: Path) ->
     comparison = compare(project, **FEW, truth=truth)
     assert comparison.parameters[:2] == names[:2]
     good, bad = comparison.standings[0].truth, comparison.standings[-1].truth
-    assert good is not None
-    assert bad is not None
     assert good.over_bound < 5.0 < 50.0 < bad.over_bound
     assert bad.relative == pytest.approx(50.0, abs=2.0)
     assert good.covered == good.count == 2

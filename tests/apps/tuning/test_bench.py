@@ -92,7 +92,6 @@ def test_the_quick_fit_is_the_whole_one_but_for_the_bias_by_the_motion(
 
 def _condition(identification: Identification) -> float:
     directions = identification.estimate.determined.directions
-    assert directions is not None
     return float(directions.values[0] / directions.values[directions.rank - 1])
 
 
@@ -195,7 +194,6 @@ def test_a_joint_that_was_never_recorded_and_wrong_samples() -> None:
     assert differing(quick, on.identification.estimate.value) < 3.0
     assert quick.factors.rows[1] == 0
     keep = quick.logs["log 1"].motion.keep
-    assert keep is not None
     assert not keep[500, 0]
     assert np.isnan(quick.logs["log 2"].by_joint[JOINTS[1]])
     seen = on.smooth(on.start, "log 1", JOINTS[2])

@@ -300,11 +300,13 @@ def test_joints_that_columns_of_text_name_are_not_matched_by_order():
 
 
 def test_of_more_motors_than_joints_those_that_move_are_taken():
-    def motors(*moving):
+    def motors(*moving, joints=ARM):
         sizes = [1.0 if k in moving else 1e-3 for k in range(5)]
         columns = {f"motor_state[{k}].q": wave(size, k) for k, size in enumerate(sizes)}
-        return map_columns(table(**columns, **{f"motor_state[{k}].tau_est": wave(9.0, k) for k in range(5)}), ARM)
+        return map_columns(table(**columns, **{f"motor_state[{k}].tau_est": wave(9.0, k) for k in range(5)}), joints)
 
+    three = (*ARM, MovableJoint("wrist", "revolute", LIMITS))  # motors 1, 2, 4 are not successive, so the order counts
+    assert list(motors(1, 2, 4, joints=three).position) == ["elbow", "wrist"]
     for mapping, (a, b) in ((motors(2, 3), (2, 3)), (motors(2, 4), (0, 1)), (motors(*range(5)), (0, 1))):
         assert chosen(mapping) == [f"motor_state[{k}].{name}" for name in ("q", "tau_est") for k in (a, b)]
         assert f"numbered 0 to 4 and the joints are called shoulder to elbow: are {a}, {b} theirs" in (

@@ -87,6 +87,13 @@ def test_what_to_take_and_why_stays_in_all_situations() -> None:
     check_kept("ranking_situations", "\n".join(lines))
 
 
+@pytest.mark.parametrize(("omitted", "words"), [(0, ""), (1, "; 1 more with larger errors")])
+def test_a_short_table_says_how_many_are_not_shown(omitted: int, words: str) -> None:
+    result = ranking()
+    (table,) = ranking_tables(result, len(result.standings) - omitted)
+    assert table.caption == f"Ranked by held-out motion{words}"
+
+
 def test_without_chance_there_are_no_whiskers() -> None:
     figure = ranking_figure(untold(ranking()))
     assert not any("error_x" in x for x in figure.data)

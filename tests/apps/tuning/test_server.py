@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from dynident.apps.tuning import server
+from dynident.apps.tuning.request_fields import is_well_formed
 from dynident.runtime import ConfigError
 
 flask = pytest.importorskip("flask")
@@ -64,6 +65,13 @@ def test_a_browser_is_opened_where_there_is_a_screen(monkeypatch: pytest.MonkeyP
         server.open_browser(server.Address(port, "x"))
     assert opened.get(timeout=10) == str(server.Address(1, "x"))
     assert opened.empty()
+
+
+@pytest.mark.parametrize("place", ["inputs", "state"])
+def test_values_of_other_types_are_refused_wherever_they_stand(place: str) -> None:
+    entry = {"id": "joint-degree", "property": "degree"}
+    assert is_well_formed({"inputs": [], "state": [], place: [entry | {"value": "0.5"}]})
+    assert not is_well_formed({"inputs": [], "state": [], place: [entry | {"value": "x"}]})
 
 
 HOST = "127.0.0.1:8050"

@@ -22,11 +22,12 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import IO
 from uuid import uuid4
 
-from dynident.files.opener import cause, real_path, refuse_inputs
+from dynident.files.opener import cause, content, real_path, refuse_inputs
 from dynident.runtime import ConfigError, InputError
 
 REPORT = "report.html"  # of each command that writes a folder
@@ -93,9 +94,9 @@ class ResultFolder:
         shutil.rmtree(staging, ignore_errors=True)  # of files that could not be written before
         for kind in (NEW_FILES, REMOVED_FILES):
             (staging / kind).mkdir(parents=True)
-        for name, content in files.items():
+        for name, contents in files.items():
             with open(staging / NEW_FILES / name, "xb") as file:
-                file.write(content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content)
+                file.write(contents.encode("utf-8", "backslashreplace") if isinstance(contents, str) else contents)
                 _sync_file(file)
         for name in removed:
             (staging / REMOVED_FILES / name).touch()
@@ -153,6 +154,14 @@ def hold_folder(folder: Path) -> Iterator[None]:
         yield
     finally:
         _release(lock, folder / LOCK_NAME)
+
+
+def is_unchanged(path: Path, digest: object) -> bool:
+    """Return whether a file that was written with this SHA-256 is still as it was."""
+    try:
+        return sha256(content(path, remember=False)).hexdigest() == digest
+    except InputError:
+        return False
 
 
 def settle(folder: Path) -> None:

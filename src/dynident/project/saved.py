@@ -7,13 +7,12 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import is_dataclass
 from enum import Enum
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dynident.files.folder import settle
+from dynident.files.folder import is_unchanged, settle
 from dynident.files.opener import content, real_path, refuse_inputs, remember_inputs, watch_inputs
 from dynident.files.results import as_path, write_json
 from dynident.files.yaml_text import is_deep
@@ -186,9 +185,8 @@ def model_files(path: Path, sources: Sources) -> tuple[str, ...]:
     try:
         export_entries = json.loads(content(path, weight=JSON_WEIGHT, remember=False))["report"]["exports"]
         digests = {path.with_name(entry["file"]): entry["sha256"] for entry in export_entries}
-        present = [file for file in digests if file.is_file() and str(real_path(file)) not in read]
-        hashes = {file: sha256(content(file, remember=False)).hexdigest() for file in present}
-        return tuple(file.name for file in present if hashes[file] == digests[file])
+        unread = {file: digest for file, digest in digests.items() if str(real_path(file)) not in read}
+        return tuple(file.name for file, digest in unread.items() if is_unchanged(file, digest))
     except (InputError, ValueError, RecursionError, KeyError, TypeError):
         return ()  # no result, or of another version
 
@@ -203,14 +201,14 @@ def is_servo_result(path: Path) -> bool:
     return result_values(path).get("format") == SERVO_FORMAT
 
 
-def result_values(path: Path) -> dict[str, Any]:
-    """Return the plain values of a saved result; InputError where the file is none."""
+def result_values(path: Path, name: str = "result.json of `dynident identify`") -> dict[str, Any]:
+    """Return the plain values of a saved result, or of what has another ``name``; InputError where the file is none."""
     settle(path.parent)
     text = content(path, InputError, (".json",), JSON_WEIGHT)
     try:
         data = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is not a result.json of `dynident identify` ({error}).") from error
+        raise InputError(f"{path}: is not a {name} ({error}).") from error
     if not isinstance(data, dict) or is_deep(data):
-        raise InputError(f"{path}: is not a result.json of `dynident identify`.")
+        raise InputError(f"{path}: is not a {name}.")
     return data

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from dynident.apps.compare_results.comparison import ComparedLog, ComparedResult, ExportRecord
+from dynident.files.folder import is_unchanged
 from dynident.files.lerobot import episode_files
-from dynident.files.opener import content, real_path
+from dynident.files.opener import real_path
 from dynident.files.tables import is_episode
 from dynident.identification import Sources
 from dynident.project.config import parse_config
@@ -129,14 +130,7 @@ def _export_records(report: dict[str, Any], path: Path) -> list[ExportRecord]:
         if isinstance(name, str) and isinstance(digest, str) and Path(name).name == name:
             agreement = as_number(agreement)
             shown_agreement = None if np.isnan(agreement) else agreement
-            is_unchanged = _is_unchanged(path.with_name(name), digest)
             proven = entry.get("proven") is True
-            records.append(ExportRecord(name, str(entry.get("format")), digest, proven, shown_agreement, is_unchanged))
+            unchanged = is_unchanged(path.with_name(name), digest)
+            records.append(ExportRecord(name, str(entry.get("format")), digest, proven, shown_agreement, unchanged))
     return records
-
-
-def _is_unchanged(file: Path, digest: str) -> bool:
-    try:
-        return sha256(content(file)).hexdigest() == digest
-    except InputError:
-        return False

@@ -22,7 +22,7 @@ from dynident.apps.excitation.report import MOTIONS, SLOWER, TRIAL, excitation_p
 from dynident.apps.excitation.robot import ExcitationProject, read_excitation
 from dynident.apps.excitation.trajectory import Trajectory, slow_down
 from dynident.apps.excitation.verify import QUANTITIES, LimitError, verify
-from dynident.files.folder import REPORT, ResultFolder, refuse_other_report, result_folder
+from dynident.files.folder import REPORT, ResultFolder, is_unchanged, refuse_other_report, result_folder
 from dynident.files.opener import content, refuse_inputs, watch_inputs
 from dynident.files.results import as_path, json_text
 from dynident.identification import versions
@@ -106,7 +106,7 @@ def refuse_targets(folder: Path) -> None:
     digests = _earlier_digests(folder)
     for path in (folder / name for name in _EDITABLE):
         # what has the digest of an earlier run is unchanged and may be replaced
-        if path.exists() and sha256(content(path, remember=False)).hexdigest() != digests.get(path.name):
+        if path.exists() and not is_unchanged(path, digests.get(path.name)):
             raise ConfigError(
                 f"{path}: was written or changed by hand, and would be replaced; move it, or choose another folder."
             )

@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from dynident.apps.fleets.config import FILES, NOTE, RECIPE, FleetLog, FleetSettings
-from dynident.files.folder import ResultFolder
+from dynident.files.folder import ResultFolder, is_unchanged
 from dynident.files.opener import content, is_address, local_file, real_path, refuse_inputs, relative
 from dynident.files.xml_text import SUFFIXES
 from dynident.files.yaml_text import load_yaml
@@ -96,7 +96,7 @@ def fleet_recipe(
         _check_recipe(recipe, (), out / RECIPE)
         return recipe
     # what was edited by hand is never replaced
-    if out is not None and os.path.lexists(out / RECIPE) and note.get("written") != _fingerprint(out / RECIPE):
+    if out is not None and os.path.lexists(out / RECIPE) and not is_unchanged(out / RECIPE, note.get("written")):
         raise ConfigError(
             f"{out / RECIPE}: was written or changed by hand, and would be replaced, since it was not made from {path} "
             "as this, and the robot file, are now; move or delete it, or choose another folder."
@@ -165,14 +165,6 @@ def _read_note(out: Path) -> dict[str, Any]:
     except (InputError, ValueError, RecursionError):
         return {}
     return note if isinstance(note, dict) and note.get("format") == FORMAT else {}
-
-
-def _fingerprint(file: Path) -> str | None:
-    """Return the digest of a file, None where it cannot be read."""
-    try:
-        return sha256(content(file, remember=False)).hexdigest()
-    except InputError:
-        return None
 
 
 def _choose_settings(

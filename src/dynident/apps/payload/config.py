@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
@@ -15,9 +14,8 @@ import numpy as np
 from dynident.apps.payload.body import Component, SameRecording
 from dynident.apps.payload.estimate import ArmEvidence, DriveGains
 from dynident.apps.payload.payload import Payload
-from dynident.files.opener import content, real_path, remember_inputs
+from dynident.files.opener import real_path, remember_inputs
 from dynident.files.tables import recording_parts
-from dynident.files.yaml_text import is_deep
 from dynident.identification import Identification, Sources
 from dynident.models import RigidBodies
 from dynident.motion.log import Log
@@ -29,13 +27,12 @@ from dynident.project.export import (
     relocate_urdf,
     with_payload_link,
 )
-from dynident.project.saved import load, read_log_like
+from dynident.project.saved import load, read_log_like, result_values
 from dynident.runtime import InputError, ModelError, report_progress
 
 FORMAT, VERSION = "dynident payload", 1
 NUMBERS = "payload.json"
 REQUESTED = ("known_mass", "known_centre", "gain_error", "gain_change", "friction_change", "load_friction", "removed")
-JSON_WEIGHT = 30  # memory of the content of JSON, per byte of its text
 
 
 def read_loaded(
@@ -111,12 +108,10 @@ def _unused_name(name: str, logs: Mapping[str, Log]) -> str:
 
 def read_gains(path: Path) -> DriveGains:
     """Return the gains of the drives in the ``payload.json`` of a known mass; InputError where there are none."""
-    try:
-        data = json.loads(content(path, InputError, (".json",), JSON_WEIGHT))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is not a payload.json of `dynident payload` ({error}).") from error
-    if not isinstance(data, dict) or is_deep(data) or data.get("format") != FORMAT or data.get("version") != VERSION:
-        raise InputError(f"{path}: is not a payload.json of `dynident payload`.")
+    name = "payload.json of `dynident payload`"
+    data = result_values(path, name)
+    if data.get("format") != FORMAT or data.get("version") != VERSION:
+        raise InputError(f"{path}: is not a {name}.")
     try:
         gains = data["gains"]
         n, mass = len(gains["joints"]), gains["known_mass"]

@@ -9,6 +9,7 @@ from dynident.validation.prediction import (
     Signals,
     TorqueErrors,
     check_mass,
+    predict_torque,
     relative_error,
     relative_errors,
     residual_text,

@@ -229,6 +229,13 @@ class LogValidation(Noun):
         return self.signals
 
 
+def predict_torque(model: Model, motion: Motion, theta: Array) -> Array:
+    """Return the torque (N, n) of a model with parameters theta (p) over a motion, with what it remembers there."""
+    # in blocks of rows, as the kinematics of a long log at once would take too much memory
+    parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
+    return np.concatenate([model.torque(**motion.states(rows), theta=theta) for rows in parts])
+
+
 def relative_error(measured: Array, predicted: Array) -> float:
     """Return 100 |measured - predicted| / |measured| in percent (nan where the measurement is zero)."""
     size = float(np.linalg.norm(measured))
@@ -264,8 +271,7 @@ def validate(
             f"{motion.source}: no usable sample is left for validation; widen the window, exclude less, or smooth less."
         )
     motion, theta = model.remembering(motion), np.asarray(theta, dtype=float)
-    parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
-    predicted = np.concatenate([model.torque(**motion.states(s), theta=theta) for s in parts])
+    predicted = predict_torque(model, motion, theta)
     measured, predicted_used = motion.tau[motion.mask], predicted[motion.mask]
     is_recorded = _recorded_joints(motion)
     overall, by_joint = relative_errors(motion, predicted)

@@ -30,10 +30,11 @@ from dynident.identification.prior_strength import with_strength
 from dynident.identification.uncertainty import identifiability_of
 from dynident.motion.log import Motion
 from dynident.motion.smoothers import SUBSTITUTE
-from dynident.regression import BLOCK, Regression, Selection, one_thread
+from dynident.regression import Regression, Selection, one_thread
 from dynident.runtime import DynidentError, Noun, call_part
 from dynident.runtime.arrays import Array
 from dynident.runtime.cache import Cache
+from dynident.validation import predict_torque
 
 # what this process has computed last
 _STRENGTH_CACHE: Cache[tuple[PriorStrength | None, float]] = Cache(64)  # with its seconds
@@ -247,13 +248,7 @@ def _smallest_eigenvalue(problem: Problem, value: Array) -> float | None:
 
 
 def _torque_residuals(task: Task, motions: Mapping[str, Motion], value: Array) -> dict[str, Array]:
-    residuals = {}
-    for name, motion in motions.items():
-        # in blocks of rows, as the kinematics of a long log at once would take too much memory
-        parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
-        predicted = np.concatenate([task.model.torque(**motion.states(rows), theta=value) for rows in parts])
-        residuals[name] = motion.tau - predicted
-    return residuals
+    return {name: motion.tau - predict_torque(task.model, motion, value) for name, motion in motions.items()}
 
 
 def _cross_validation_squares(

@@ -15,7 +15,6 @@ from dynident.identification.cross_validation import prediction_errors
 from dynident.models import INERTIAL, Model
 from dynident.motion.log import Motion
 from dynident.regression import (
-    BLOCK,
     BaseParameters,
     Regression,
     TriangularFactors,
@@ -26,7 +25,7 @@ from dynident.regression import (
 )
 from dynident.runtime import InputError, Noun, call_part
 from dynident.runtime.arrays import Array
-from dynident.validation import relative_errors
+from dynident.validation import predict_torque, relative_errors
 
 FOLDS = 5  # as many as a smoother is chosen by
 Motions = Mapping[str, Mapping[str, Motion]]
@@ -96,7 +95,7 @@ class QuickFit(Noun):
         """The torque (N, n) of bodies and rotors alone, by log: what is left of the others is friction and offset."""
         roles = [parameter.role in (*INERTIAL, "rotor") for parameter in self.model.parameters]
         theta = np.where(roles, self.estimate.value, 0.0)
-        return {name: _torque(self.model, theta, log.motion) for name, log in self.logs.items()}
+        return {name: predict_torque(self.model, log.motion, theta) for name, log in self.logs.items()}
 
     @cached_property
     def base(self) -> BaseParameters:
@@ -123,11 +122,6 @@ def quick_estimate(problem: Problem, estimator: Estimator) -> tuple[Estimate, bo
     return call_part(fast, problem, Estimate), fast is estimator
 
 
-def _torque(model: Model, theta: Array, motion: Motion) -> Array:
-    parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
-    return np.concatenate([model.torque(**motion.states(part), theta=theta) for part in parts])
-
-
 def log_predictions(model: Model, theta: Array, motions: Motions) -> dict[str, LogPrediction]:
     """Return the prediction of each log with theta (p); InputError where one has no usable sample."""
     predictions = {}
@@ -136,7 +130,7 @@ def log_predictions(model: Model, theta: Array, motions: Motions) -> dict[str, L
             if not smoothed_motion.mask.any():
                 raise InputError(f"{name}: no usable sample is left; exclude less, or smooth less.")
             motion = model.remembering(smoothed_motion)
-            torque = _torque(model, theta, motion)
+            torque = predict_torque(model, motion, theta)
             error, by_joint = relative_errors(motion, torque)
             predictions[name] = LogPrediction(
                 name, "train" if role == "train" else "validation", motion, torque, error, by_joint

@@ -22,6 +22,7 @@ from dynident.project.config import parse_config
 from dynident.project.logs import Reading, log_spec, read_logs
 from dynident.project.result_format import FORMAT, SERVO_FORMAT, VERSION
 from dynident.project.result_read import identification_of
+from dynident.project.settings import Config
 from dynident.regression import BaseParameters
 from dynident.runtime import InputError, ModelError, Part, TaggedUnion, saved_fields
 from dynident.runtime.families import part_family
@@ -168,12 +169,17 @@ def read_log_like(identification: Identification, text: str, *, allow_code: bool
     Its torques may be missing; ``allow_code`` as in ``load``. Raises the errors of ``log_spec`` and ``read_logs``, and
     InputError for a result without configuration.
     """
+    config = config_of_result(identification, "predict a Log", allow_code=allow_code)
+    return read_logs(log_spec(text, config), config, identification.model.joints, torque=False)
+
+
+def config_of_result(identification: Identification, task: str, *, allow_code: bool) -> Config:
+    """Return the configuration of a result; InputError, which says a ``task``, for one that was made from Python."""
     configuration = identification.provenance.configuration
     if configuration is None:
-        raise InputError("the result was made from Python, without a configuration: predict a Log from Python, too.")
+        raise InputError(f"the result was made from Python, without a configuration: {task} from Python, too.")
     folder = Path(configuration.path).parent
-    config = parse_config(configuration.text, folder, configuration.path, allow_code=allow_code)
-    return read_logs(log_spec(text, config), config, identification.model.joints, torque=False)
+    return parse_config(configuration.text, folder, configuration.path, allow_code=allow_code)
 
 
 def model_files(path: Path, sources: Sources) -> tuple[str, ...]:

@@ -31,8 +31,7 @@ from dynident.apps.online.watcher import Watcher, WatchSettings
 from dynident.files.arrays import open_npz
 from dynident.files.folder import ResultFolder
 from dynident.files.opener import afford, content, open_input
-from dynident.project.config import parse_config
-from dynident.project.saved import load
+from dynident.project.saved import config_of_result, load
 from dynident.regression import GroupKind
 from dynident.runtime import ConfigError, InputError, report_progress
 
@@ -242,13 +241,7 @@ def make_watch(
     report_progress("reading the result")
     identification = load(result, allow_code=allow_code)
     report_progress("computing the threshold")
-    configuration = identification.provenance.configuration
-    if configuration is None:
-        raise InputError(
-            "the result was made from Python, without a configuration: push its samples to a Watcher from Python, too."
-        )
-    folder_of_config = Path(configuration.path).parent
-    config = parse_config(configuration.text, folder_of_config, configuration.path, allow_code=allow_code)
+    config = config_of_result(identification, "push its samples to a Watcher", allow_code=allow_code)
     name = "standard input" if source == "-" else source
     reader = SampleReader(config, identification.model.joints, name)
     digest = sha256(content(result)).hexdigest()

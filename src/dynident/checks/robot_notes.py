@@ -65,8 +65,10 @@ class TermKind(StrEnum):
     )
     DELAY = (
         *("delay of the torque", "a torque that {1} the positions by {2} s", ""),
-        "Shift this torque in the file, as `time_offset` is the same for all joints; or does friction build up slowly "
-        "after reversals, which looks alike?",
+        (
+            "Shift this torque in the file, as `time_offset` is the same for all joints; or does friction build up "
+            "slowly after reversals, which looks alike?"
+        ),
     )
     SATURATION = (
         *("torque that saturates", "saturation that takes {} of a torque of the usual size, of iron if negative", ""),

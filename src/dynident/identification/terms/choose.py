@@ -28,6 +28,7 @@ from dynident.identification.terms.grams import (
     JointGrams,
     Normal,
     Prior,
+    SearchFolds,
     add_ridge,
     gain_share,
     normal_matrices,
@@ -45,13 +46,7 @@ from dynident.identification.terms.samples import (
     correlation_length,
     select_samples,
 )
-from dynident.identification.terms.search import (
-    MIN_STRICT_GAIN_ERRORS,
-    JointSearch,
-    SearchFolds,
-    TermEntry,
-    renumber_columns,
-)
+from dynident.identification.terms.search import MIN_STRICT_GAIN_ERRORS, JointSearch, TermEntry, renumber_columns
 from dynident.models import CoupledMotor, Model, Term
 from dynident.models.friction import Dahl, LoadDahl
 from dynident.motion.log import Motion
@@ -163,8 +158,8 @@ class _TermSelection:
         # Eliminate the columns of each joint, then solve for the parameters that all joints share.
         grams = [rows.grams([C], no_labels, no_labels, (1, 1)) for rows, C in zip(self.rows, used_columns, strict=True)]
         normals = [
-            normal_matrices(joint_grams, range(len(C)), np.ones((1, 1)), w)
-            for joint_grams, C, w in zip(grams, used_columns, self.weights, strict=True)
+            normal_matrices(joint_grams, np.ones((1, 1)), w)
+            for joint_grams, w in zip(grams, self.weights.tolist(), strict=True)
         ]
         M, right = (np.add.reduce([normal[k][0] for normal in normals]) for k in range(2))
         theta = np.linalg.solve(add_ridge(M) + np.diag(self._precision + np.finfo(float).tiny), right)
@@ -251,7 +246,7 @@ class _TermSelection:
     def _errors(self, searches: Sequence[JointSearch]) -> list[float]:
         """Return the cross-validated errors (%) of the joints."""
         normals, errors = [search.normal for search in searches], list[float]()
-        for j, search in enumerate(searches):
+        for j, search in enumerate(x.without_candidates for x in searches):
             candidates = search.beside(other_joint_normals(normals, j, self._precision, search.grams.acts))
             squared_error = max(float(search.errors(candidates).sum()), 0.0)  # of nothing
             used = self.rows[j].usable & (self.block >= 0)

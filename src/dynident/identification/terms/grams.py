@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import field
 from functools import cache, cached_property
 
 import numpy as np
@@ -29,6 +30,46 @@ class Folds(Noun):
     other_joints: NDArray[np.intp]
 
 
+class SearchFolds(Noun):
+    """The folds by which trials are judged.
+
+    They are by ``blocks`` of time, the same from slow to fast samples (``faster``) and from inner to outer ones
+    (``further``), by recording (``logs``, None for a single one), and ``all_samples`` for fit and test at once.
+    ``train`` (S, F) are the blocks of the other joints in each of these fits.
+    """
+
+    blocks: Folds
+    faster: Folds
+    further: Folds
+    all_samples: Folds
+    logs: Folds | None
+    train: Array
+
+    @classmethod
+    def of(cls, logs: NDArray[np.intp]) -> SearchFolds:
+        """Return the folds for blocks whose logs (F) are given."""
+        F = len(logs)
+        eye, all_of, all_classes = np.eye(F), np.ones((1, F)), np.ones(4)
+        # The last axis of the weights are the classes slow inner, slow outer, fast inner, fast outer.
+        slow, inner = np.array([1.0, 1.0, 0.0, 0.0]), np.array([1.0, 0.0, 1.0, 0.0])
+        by_log = (logs[None] == np.unique(logs)[:, None]).astype(float)
+        several = len(by_log) > 1
+
+        def divide(test: Array, start: int, fitted: Array = all_classes, judged: Array = all_classes) -> Folds:
+            train = (1.0 - test)[:, :, None] * fitted
+            return Folds(train, test[:, :, None] * judged, start + np.arange(len(test)))
+
+        everything = all_of[:, :, None] * all_classes
+        return cls(
+            divide(eye, 0),
+            divide(eye, 0, slow, 1.0 - slow),
+            divide(eye, 0, inner, 1.0 - inner),
+            Folds(everything, everything, np.array([F])),
+            divide(by_log, F + 1) if several else None,
+            np.concatenate([1.0 - eye, all_of, *([1.0 - by_log] if several else [])]),
+        )
+
+
 class JointGrams(Noun):
     """Gram matrices (c, c) of one joint's rows by block of time and class of samples.
 
@@ -45,6 +86,13 @@ class JointGrams(Noun):
         """Return the Gram matrices of ``rows`` (c, N) of each block and class, whose numbers are ``shape``."""
         triangles = np.stack([(X @ X.T)[np.tril_indices(len(X))] for X in rows])
         return cls(triangles.reshape(*shape, -1), maps)
+
+    def only(self, columns: Sequence[int]) -> JointGrams:
+        """Return the matrices of the entries, these columns of candidates and the torque."""
+        b = len(self.maps)
+        at = [*range(b), *(b + i for i in columns), -1]
+        chosen = _square(self.triangles.shape[-1])[np.ix_(at, at)][np.tril_indices(len(at))]
+        return JointGrams(self.triangles[..., chosen], self.maps)
 
     def weighted(self, weights: Array) -> Array:
         """Return the sums (T, c, c) of the matrices with ``weights`` (T, F, C)."""
@@ -79,6 +127,9 @@ class CandidateGrams(Noun):
     joint_grams: JointGrams
     other_normals: tuple[Array, Array]
     weight: float
+    _sums: dict[int, tuple[Array, Array]] = field(default_factory=dict)
+    _reduced: dict[Folds, tuple[Array, Array, Array]] = field(default_factory=dict)
+    _tested: dict[tuple[Folds, int], Array] = field(default_factory=dict)
 
     def train(self, folds: Folds) -> tuple[Array, Array]:
         """Return the matrices (T, m + 1, m + 1) of the training rows, and their diagonals before (T, m + 1)."""
@@ -105,18 +156,6 @@ class CandidateGrams(Noun):
             self._tested[folds, id(weights)] = residual + np.swapaxes(shares, 1, 2) @ H[:, :k, :k] @ shares
         return self._tested[folds, id(weights)]
 
-    @cached_property
-    def _sums(self) -> dict[int, tuple[Array, Array]]:
-        return {}
-
-    @cached_property
-    def _reduced(self) -> dict[Folds, tuple[Array, Array, Array]]:
-        return {}
-
-    @cached_property
-    def _tested(self) -> dict[tuple[Folds, int], Array]:
-        return {}
-
 
 class TrialFits(Noun):
     """Fits of G groups of columns in T folds: squared errors ``before`` (T) and ``after`` (T, G) on the test rows.
@@ -136,16 +175,11 @@ class TrialFits(Noun):
         return [sizes[size] for size in self.best[:, g].tolist()], self.values[g]
 
 
-def eliminate_columns(gram: Array, keep: int, drop: Sequence[int]) -> tuple[Array, Array]:
-    """Return normal matrix (..., keep, keep) and right side of the first columns, with those in ``drop`` eliminated."""
-    G, g = gram[..., :keep, :keep], gram[..., :keep, -1]
-    index = list(drop)
-    if not index:
-        return G, g
-    dropped_gram = add_ridge(gram[..., index, :][..., index])
-    cross = gram[..., index, :][..., [*range(keep), gram.shape[-1] - 1]]
-    share = np.swapaxes(cross[..., :keep], -1, -2) @ np.linalg.solve(dropped_gram, cross)
-    return G - share[..., :keep], g - share[..., keep]
+def eliminate_columns(gram: Array, keep: int) -> tuple[Array, Array]:
+    """Return normal matrix (..., keep, keep) and right side of the first columns, with all others eliminated."""
+    cross = np.concatenate([gram[..., keep:-1, :keep], gram[..., keep:-1, -1:]], axis=-1)
+    share = np.swapaxes(cross[..., :keep], -1, -2) @ np.linalg.solve(add_ridge(gram[..., keep:-1, keep:-1]), cross)
+    return gram[..., :keep, :keep] - share[..., :keep], gram[..., :keep, -1] - share[..., keep]
 
 
 @cache
@@ -199,14 +233,13 @@ def try_groups(
         candidate_fit.fit_group(np.array([[place[i] for i in size] for size in sizes]), np.array(flat))
         for sizes in groups
     ]
-    after, best, values, independent = zip(*group_fits, strict=True) if group_fits else ((), (), (), ())
-    shape = (len(before), 0)
+    after, best, values, independent = zip(*group_fits, strict=True) if group_fits else ((),) * 4
+
+    def by_fold(of_groups: Sequence[Array]) -> Array:
+        return np.reshape(of_groups, (len(groups), len(before))).T
+
     return TrialFits(
-        before,
-        np.stack(after, axis=1) if group_fits else np.zeros(shape),
-        np.stack(best, axis=1) if group_fits else np.zeros(shape, dtype=int),
-        tuple(values),
-        np.stack(independent, axis=1) if group_fits else np.zeros(shape, dtype=bool),
+        before, by_fold(after), by_fold(best).astype(np.intp), tuple(values), by_fold(independent).astype(bool)
     )
 
 
@@ -316,14 +349,14 @@ def prior_of(parameters: Sequence[Parameter]) -> Prior:
     return Prior(mean, precision)
 
 
-def normal_matrices(joint_grams: JointGrams, columns: Sequence[int], train: Array, weight: float) -> Normal:
+def normal_matrices(joint_grams: JointGrams, train: Array, weight: float) -> Normal:
     """Return normal matrices (S, p, p) and right sides (S, p) of the parameters from one joint.
 
-    The chosen ``columns`` are eliminated; ``train`` (S, F) weighs the blocks of the joint.
+    Its columns are eliminated; ``train`` (S, F) weighs the blocks of the joint.
     """
     b = len(joint_grams.maps)
     total = weight * joint_grams.weighted(np.repeat(train[:, :, None], joint_grams.triangles.shape[1], axis=2))
-    M, right = eliminate_columns(total, b, [b + i for i in columns])
+    M, right = eliminate_columns(total, b)
     return joint_grams.maps.T @ M @ joint_grams.maps, right @ joint_grams.maps
 
 

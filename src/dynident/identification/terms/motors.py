@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.identification.terms.candidates import EXPONENTS, STRIBECK_SIZES, WIDTHS, CandidateKind, TermGroup
-from dynident.identification.terms.grams import JointGrams
+from dynident.identification.terms.grams import JointGrams, SearchFolds
 from dynident.identification.terms.samples import N_CLASSES, JointEquations, TermSamples
-from dynident.identification.terms.search import JointSearch, SearchFolds, TermEntry
+from dynident.identification.terms.search import JointSearch, TermEntry
 from dynident.models import CoupledFriction, CoupledMotor, Model
 from dynident.runtime.arrays import Array
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.identification.terms.candidates import CandidateKind, TermGroup, TermTrial, TrialOutcome, settings_of
 from dynident.identification.terms.grams import (
@@ -15,6 +14,7 @@ from dynident.identification.terms.grams import (
     Folds,
     JointGrams,
     Normal,
+    SearchFolds,
     TrialFits,
     gain_share,
     normal_matrices,
@@ -60,46 +60,6 @@ class TermEntry(Noun):
         return self.group.terms[self.size]
 
 
-class SearchFolds(Noun):
-    """The folds by which trials are judged.
-
-    They are by ``blocks`` of time, the same from slow to fast samples (``faster``) and from inner to outer ones
-    (``further``), by recording (``logs``, None for a single one), and ``all_samples`` for fit and test at once.
-    ``train`` (S, F) are the blocks of the other joints in each of these fits.
-    """
-
-    blocks: Folds
-    faster: Folds
-    further: Folds
-    all_samples: Folds
-    logs: Folds | None
-    train: Array
-
-    @classmethod
-    def of(cls, logs: NDArray[np.intp]) -> SearchFolds:
-        """Return the folds for blocks whose logs (F) are given."""
-        F = len(logs)
-        eye, all_of, all_classes = np.eye(F), np.ones((1, F)), np.ones(4)
-        # The last axis of the weights are the classes slow inner, slow outer, fast inner, fast outer.
-        slow, inner = np.array([1.0, 1.0, 0.0, 0.0]), np.array([1.0, 0.0, 1.0, 0.0])
-        by_log = (logs[None] == np.unique(logs)[:, None]).astype(float)
-        several = len(by_log) > 1
-
-        def divide(test: Array, start: int, fitted: Array = all_classes, judged: Array = all_classes) -> Folds:
-            train = (1.0 - test)[:, :, None] * fitted
-            return Folds(train, test[:, :, None] * judged, start + np.arange(len(test)))
-
-        everything = all_of[:, :, None] * all_classes
-        return cls(
-            divide(eye, 0),
-            divide(eye, 0, slow, 1.0 - slow),
-            divide(eye, 0, inner, 1.0 - inner),
-            Folds(everything, everything, np.array([F])),
-            divide(by_log, F + 1) if several else None,
-            np.concatenate([1.0 - eye, all_of, *([1.0 - by_log] if several else [])]),
-        )
-
-
 @dataclass(frozen=True, eq=False)
 class _TrialResult:
     """The trial of a group with its gains (T) in the blocks, and the entry with the size that fits all samples best."""
@@ -136,7 +96,12 @@ class JointSearch:
     @property
     def normal(self) -> Normal:
         """The normal matrices of the model's parameters from the equations of this joint."""
-        return normal_matrices(self.grams, self.columns, self.division.train, self.weight)
+        return normal_matrices(self.grams.only(self.columns), self.division.train, self.weight)
+
+    @property
+    def without_candidates(self) -> JointSearch:
+        """The search with the columns that have entered alone, whose matrices are small."""
+        return replace(self, grams=self.grams.only(self.columns), entered=renumber_columns(self.entered))
 
     def beside(self, other_normals: Normal) -> CandidateGrams:
         """Return the candidates beside the normal matrices of all other joints."""
@@ -337,36 +302,47 @@ class JointSearch:
         good = [k for k, result in enumerate(results) if result.trial.outcome is TrialOutcome.ENTERED]
         if not good:
             return results
-        at, division = [results[k].entered.group.at for k in good], self.division
-        logs = None if division.logs is None else try_groups(candidates, division.logs, self.columns, at)
-        parts = [(part, try_groups(candidates, part, self.columns, at)) for part in (division.faster, division.further)]
-        for g, k in enumerate(good):
-            kind, outcome = results[k].entered.group.kind, TrialOutcome.ENTERED
-            # Only the trial's coefficients are of the slow or inner samples: those of bodies there may be far off.
-            faster, further = (
-                gain_share(*transfer_gains(candidates, division.blocks, part.test, self.columns, fit.group(g, at[g])))
-                for part, fit in parts
-            )
-            refits = [gain_share(fit.before - fit.after[:, g], fit.before) for fit in (parts[1][1], logs) if fit]
-            if not _is_presumed(kind, self.entered):
-                outcome = _outcome_elsewhere(kind, faster, further, *refits)
-            trial = replace(results[k].trial, outcome=outcome, faster=faster[0], faster_std=faster[1])
+        groups, logs = {k: results[k].entered.group for k in good}, self.division.logs
+        faster = self._transfer(candidates, self.division.faster, groups)
+        # only where it decides: it takes as long as all else
+        reaching = {k: group for k, group in groups.items() if group.kind.reaches}
+        further = self._transfer(candidates, self.division.further, reaching)
+        by_log = None if logs is None else try_groups(candidates, logs, self.columns, [x.at for x in groups.values()])
+        for g, (k, group) in enumerate(groups.items()):
+            (gain, std), outcome = faster[k][0], TrialOutcome.ENTERED
+            if not _is_presumed(group.kind, self.entered):
+                is_worse = by_log is not None and by_log.after[:, g].sum() > by_log.before.sum()
+                outcome = _outcome_elsewhere(group.kind, (gain, std), further.get(k, ()), is_worse)
+            trial = replace(results[k].trial, outcome=outcome, faster=gain, faster_std=std)
             results[k] = replace(results[k], trial=trial)
         return results
 
+    def _transfer(
+        self, candidates: CandidateGrams, part: Folds, groups: Mapping[int, TermGroup]
+    ) -> dict[int, tuple[Share, Share]]:
+        """Return the gains of each group on the test rows of a part: with its coefficients from the training rows, all
+        others from both, as those of bodies may be far off; and with all from the training rows."""
+        if not groups:
+            return {}
+        fits, shares = try_groups(candidates, part, self.columns, [x.at for x in groups.values()]), {}
+        for g, (k, group) in enumerate(groups.items()):
+            columns = fits.group(g, group.at)
+            alone = transfer_gains(candidates, self.division.blocks, part.test, self.columns, columns)
+            shares[k] = gain_share(*alone), gain_share(fits.before - fits.after[:, g], fits.before)
+        return shares
 
-def _outcome_elsewhere(kind: CandidateKind, faster: Share, further: Share, refit: Share, *logs: Share) -> TrialOutcome:
-    """Return whether a kind holds on faster motion, further out and in other recordings, by its gains there.
 
-    Further out a gain by one of two fits suffices: ``further`` takes only the coefficients of the kind from the inner
-    samples, ``refit`` those of all other terms, too.
+def _outcome_elsewhere(kind: CandidateKind, faster: Share, further: Sequence[Share], is_worse: bool) -> TrialOutcome:
+    """Return whether a kind holds on faster motion and further out, by its gains there, and in other recordings.
+
+    Further out a gain by one of two fits suffices.
     """
     # Loss beyond its standard errors refutes, strict kinds already at one of them; so does a lack of fast samples.
     if faster == (0.0, 0.0) or faster[0] < -(MAX_FASTER_LOSS if not kind.strict else 1.0) * faster[1]:
         return TrialOutcome.REFUTED_FASTER
-    if kind.reaches and all(gain < max(MIN_GAIN, std) for gain, std in (further, refit)):
+    if kind.reaches and all(gain < max(MIN_GAIN, std) for gain, std in further):
         return TrialOutcome.REFUTED_FURTHER
-    return TrialOutcome.REFUTED_BY_LOG if any(gain < 0 for gain, _ in logs) else TrialOutcome.ENTERED
+    return TrialOutcome.REFUTED_BY_LOG if is_worse else TrialOutcome.ENTERED
 
 
 def _is_presumed(kind: CandidateKind, entries: Sequence[TermEntry]) -> bool:

@@ -124,14 +124,18 @@ def bootstrap(
     h: 0.2496 to 0.2501
     """
     _check_request(identification, runs, blocks)
-    regression = _training_regression(identification)
+    model, recipe = identification.model, identification.recipe
+    regression = Regression(model, identification.training_motions, recipe.selection(model.joints))
     with one_thread():
         # Factors of each stretch are computed once; a repetition only merges and solves.
         stretches = factors_of_parts(regression, _stretches(regression, blocks), executor)
-        fit = _Fit(identification.model, identification.recipe.estimator, stretches)
+        fit = _Fit(model, recipe.estimator, stretches)
         full_fit = fit((0, (1,) * len(stretches)))
+        # all come from the generator before any fit, so that the result does not depend on the executor
+        counts = rng.multinomial(len(stretches), np.full(len(stretches), 1.0 / len(stretches)), size=runs)
+        draws: Iterator[Draw] = ((k, tuple(row.tolist())) for k, row in enumerate(counts))
         values, failed, reason = dict[int, Array](), 0, ""
-        for outcome in run_jobs(fit, _draws(rng, runs, len(stretches)), executor, limits=limits):
+        for outcome in run_jobs(fit, draws, executor, limits=limits):
             if outcome.status is Status.OK and outcome.value is not None:
                 values[outcome.job[0]] = outcome.value
             else:
@@ -165,13 +169,6 @@ class _Fit:
         return call_part(self.estimator, Problem(self.model, (), regression), Estimate).value
 
 
-def _draws(rng: np.random.Generator, runs: int, blocks: int) -> Iterator[Draw]:
-    """Yield the draws, which depend on the generator alone."""
-    # All draws come from the generator before any fit, so that the result does not depend on the executor.
-    counts = rng.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=runs)
-    return ((k, tuple(row.tolist())) for k, row in enumerate(counts))
-
-
 def _stretches(regression: Regression, blocks: int) -> Sequence[RegressionPart]:
     """Return the stretches that are drawn from; InputError where there are too few samples."""
     samples = regression.usable_samples
@@ -182,12 +179,6 @@ def _stretches(regression: Regression, blocks: int) -> Sequence[RegressionPart]:
             f"to draw from; {MIN_STRETCHES} are needed: record longer."
         )
     return stretches
-
-
-def _training_regression(identification: Identification) -> Regression:
-    """Return the linear problem of an identification."""
-    motions = identification.training_motions
-    return Regression(identification.model, motions, identification.recipe.selection(identification.model.joints))
 
 
 def _check_request(identification: Identification, runs: int, blocks: int) -> None:

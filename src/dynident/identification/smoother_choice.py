@@ -157,18 +157,16 @@ def choose_by_joint(
     if len(set(index)) == 1:
         return replace(choice, smoother=choice.candidates[index[0]])
     factor = {joint.name: factors[i] for joint, i in zip(model.joints, index, strict=True)}
-    smoother = replace(candidates[0], factor=factor)
-    shifted = choice.smoother
-    return replace(
-        choice, smoother=TimeShifted(smoother, shifted.time_offset) if isinstance(shifted, TimeShifted) else smoother
-    )
+    smoother: Smoother = replace(candidates[0], factor=factor)
+    if isinstance(choice.smoother, TimeShifted):
+        smoother = TimeShifted(smoother, choice.smoother.time_offset)
+    return replace(choice, smoother=smoother)
 
 
 def _differ_by_factor(candidates: Sequence[Any], factors: Sequence[object]) -> bool:
     """Return whether smoothers have factors, and are the same but for these."""
-    if not all(isinstance(factor, int | float) for factor in factors) or len(candidates) < 2:
-        return False
-    return all(replace(candidate, factor=factors[0]) == candidates[0] for candidate in candidates)
+    is_varied = len(candidates) > 1 and all(isinstance(factor, int | float) for factor in factors)
+    return is_varied and all(replace(candidate, factor=factors[0]) == candidates[0] for candidate in candidates)
 
 
 def _mix_joints(candidates: Sequence[Motion], index: Sequence[int]) -> Motion:

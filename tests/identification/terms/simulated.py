@@ -99,6 +99,11 @@ def ripple(t: Array, q: Array, dq: Array, load: Array) -> Array:
     return coulomb(t, q, dq, load) + 0.3 * np.sin(32 * q + 0.4)
 
 
+def fine_ripple(t: Array, q: Array, dq: Array, load: Array) -> Array:
+    """Ripple of 150 cycles in a turn."""
+    return coulomb(t, q, dq, load) + 0.3 * np.sin(150 * q)
+
+
 def ripple_and_bump(t: Array, q: Array, dq: Array, load: Array) -> Array:
     """Less ripple, and a torque at some positions that no term describes."""
     return coulomb(t, q, dq, load) + 0.1 * np.sin(32 * q + 0.4) + 0.5 * np.exp(-3 * np.abs(q - 1))

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.identification.terms.candidates import LENGTHS, WIDE_WIDTHS, WIDTHS, combine_terms
-from dynident.identification.terms.ripples import PositionResidual, largest_lines
+from dynident.identification.terms.candidates import LENGTHS, WIDE_WIDTHS, WIDTHS, JointExcitation, combine_terms
+from dynident.identification.terms.ripples import PositionResidual, largest_lines, ripple_kinds
+from dynident.identification.terms.samples import select_samples
 from dynident.models import Joint, Model
 from dynident.models.friction import Coulomb, Ripple, Viscous
+from tests.identification.terms.simulated import bodies, none, recorded
 
 JOINTS = tuple(map(Joint, ("a", "b", "c")))
 
@@ -66,17 +68,11 @@ def noisy(r: Array, size: float = 1.0) -> Array:
     return r + size * np.random.default_rng(0).normal(size=len(T))
 
 
-def test_the_rate_of_a_ripple_is_found() -> None:
-    for k, _ in largest_lines(left(noisy(np.sin(45.4 * Q + 0.3), 0.3)), 200.0):
-        assert k == pytest.approx(45.4, abs=0.15)
-
-
-def test_so_is_its_delay() -> None:
-    result = largest_lines(left(noisy(np.sin(120.3 * (Q - 0.007 * DQ)))), 200.0)
+@pytest.mark.parametrize(("rate", "delay", "noise"), [(45.4, 0.0, 0.3), (120.3, 0.007, 1.0)])
+def test_rate_and_delay_of_a_ripple_are_found(rate: float, delay: float, noise: float) -> None:
+    result = largest_lines(left(noisy(np.sin(rate * (Q - delay * DQ) + 0.3), noise)), 200.0)
     assert result
-    for k, d in result:
-        assert k == pytest.approx(120.3, abs=0.2)
-        assert d == pytest.approx(0.007, abs=0.0011)
+    assert (np.abs(np.subtract(result, (rate, delay))) < (0.15, 0.0011)).all()
 
 
 def test_whole_rates_are_preferred_where_the_joint_turns() -> None:
@@ -85,11 +81,19 @@ def test_whole_rates_are_preferred_where_the_joint_turns() -> None:
     assert 45.0 not in {k for k, _ in largest_lines(left(r, turns=False), 200.0)}
 
 
-def test_a_joint_that_stands_has_none() -> None:
+def test_joints_that_stand_and_slow_waves_show_no_ripple() -> None:
     assert largest_lines(left(np.ones(len(T)), q=np.zeros(len(T))), 200.0) == ()
-
-
-def test_slow_waves_are_not_ripples() -> None:
     assert largest_lines(left(np.sin(2.0 * Q)), 200.0) == ()
     reach = float(np.ptp(Q))
     assert all(k * reach > 4.0 * 2.0 * np.pi - 2.0 for k, _ in largest_lines(left(np.sin(6.0 * Q)), 200.0))
+
+
+def test_a_rate_is_tried_once_and_higher_where_a_joint_slides() -> None:
+    samples, (joint, *_) = select_samples(Model((bodies(),)), [recorded(none, 1)]), bodies().joints
+    excitation = JointExcitation(bodies().joints, joint, 0.5, 1.0, 20.0)
+    wave = np.sin(32 * samples.states["q"][:, 0])
+    kinds = ripple_kinds(samples, excitation, wave, samples.block, ())
+    assert [kind.name for kind in kinds] == ["ripple", "load_ripple"]
+    assert ripple_kinds(samples, excitation, wave, samples.block, kinds) == []
+    for turns, rates in ((True, set()), (False, {628})):
+        assert {round(k) for k, _ in largest_lines(left(np.sin(628 * Q), turns=turns), 1e3)} == rates  # a 1 cm screw

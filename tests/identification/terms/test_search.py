@@ -91,8 +91,7 @@ def test_of_two_terms_that_spoil_each_others_sign_the_better_one_stays() -> None
 
 
 def test_gains_are_shares_of_the_error_before_with_the_error_of_their_sum() -> None:
-    assert gain_share(np.array([1.0, 2.0, 6.0]), np.array([10.0, 20.0, 30.0])) == pytest.approx(
-        (15.0, 100 * 21**0.5 / 60)
-    )
+    share = gain_share(np.array([1.0, 2.0, 6.0]), np.array([10.0, 20.0, 30.0]))
+    assert share == pytest.approx((15.0, 100 * 21**0.5 / 60))
     assert gain_share(np.array([3.0]), np.array([4.0])) == (75.0, 0.0)
     assert gain_share(EVEN, 0 * EVEN) == (0.0, 0.0)

@@ -103,8 +103,8 @@ def _alone(part: Callable[..., Term], excitation: JointExcitation, **settings: i
 def _sized_terms(
     part: Callable[..., Term], name: str, scale: str, shares: Sequence[float], excitation: JointExcitation
 ) -> Sequence[Term]:
-    """Return a term in several sizes: its constant ``name`` is a share of the quantity ``scale`` of the excitation."""
-    on, size = (excitation.joint.name,), float(getattr(excitation, scale))
+    """Return a term in several sizes: its constant ``name`` in ``shares`` of a ``scale`` of the excitation, if any."""
+    on, size = (excitation.joint.name,), float(getattr(excitation, scale)) if scale else 1.0
     return tuple(part(excitation.joints, on=on, **{name: share * size}) for share in shares)
 
 
@@ -114,10 +114,6 @@ def _stribeck_terms(excitation: JointExcitation) -> Sequence[Term]:
         Stribeck(excitation.joints, on=on, width=width * speed, velocity=velocity * speed)
         for width, velocity in STRIBECK_SIZES
     )
-
-
-def _power_terms(excitation: JointExcitation) -> Sequence[Term]:
-    return tuple(Power(excitation.joints, on=(excitation.joint.name,), exponent=exponent) for exponent in EXPONENTS)
 
 
 def _drift_terms(excitation: JointExcitation) -> Sequence[Term]:
@@ -155,7 +151,7 @@ KINDS = (
     CandidateKind("asymmetric_viscous", partial(_alone, AsymmetricViscous)),
     CandidateKind("dahl", partial(_sized_terms, Dahl, "length", "reach", LENGTHS), dry=True),
     CandidateKind("load_dahl", partial(_sized_terms, LoadDahl, "length", "reach", LENGTHS), dry=True, needs_load=True),
-    CandidateKind("power", _power_terms, strict=True),
+    CandidateKind("power", partial(_sized_terms, Power, "exponent", "", EXPONENTS), strict=True),
     CandidateKind("wide_coulomb", partial(_sized_terms, WideCoulomb, "width", "speed", WIDE_WIDTHS), strict=True),
     CandidateKind("spring", partial(_alone, Spring, order=1), strict=True, reaches=True),
     CandidateKind("spring", partial(_alone, Spring, order=2), strict=True, reaches=True),

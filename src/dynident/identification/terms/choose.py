@@ -337,8 +337,8 @@ class _TermSelection:
         """Add ripples to a joint one by one, also by the load, at the largest lines in the residual of other terms."""
         rows, excitation = self.rows[j], self.excitations[j]
         block = np.where(rows.usable, self.block, -1)
-        for turn in range(0 if self._is_still(j) else MAX_RIPPLES):
-            kinds = ripple_kinds(self.samples, excitation, residuals[j], block, turn)
+        for _ in range(0 if self._is_still(j) else MAX_RIPPLES):
+            kinds = ripple_kinds(self.samples, excitation, residuals[j], block, self.ripples[j])
             if not kinds:
                 return
             # Columns that have entered come first; those of other candidates are no longer needed.

@@ -307,14 +307,11 @@ def transfer_gains(
     M = add_ridge(G[:, base][:, :, base], diagonal[:, base])
     gains, before = np.zeros(len(G)), np.zeros(len(G))
     for t, (added, coefficients) in enumerate(zip(*fitted_columns, strict=True)):
-        solved = np.linalg.solve(M[t], G[t][np.ix_(base, [-1, *added])])
-        errors = []
-        for gamma in (np.zeros(len(added)), coefficients):
-            residual = np.zeros(len(H[t]))
-            residual[-1], residual[list(added)] = 1.0, -gamma
-            residual[base] = -(solved[:, 0] - solved[:, 1:] @ gamma)
-            errors.append(residual @ H[t] @ residual)
-        before[t], gains[t] = errors[0], errors[0] - errors[1]
+        solved, residuals = np.linalg.solve(M[t], G[t][np.ix_(base, [-1, *added])]), np.zeros((2, len(H[t])))
+        residuals[:, -1], residuals[1, list(added)] = 1.0, -coefficients
+        residuals[:, base] = np.outer([0.0, 1.0], solved[:, 1:] @ coefficients) - solved[:, 0]
+        before[t], after = np.einsum("ki,ij,kj->k", residuals, H[t], residuals)
+        gains[t] = before[t] - after
     return gains, before
 
 

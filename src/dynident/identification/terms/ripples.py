@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -17,7 +18,7 @@ RIPPLES = {"ripple": Ripple, "load_ripple": LoadRipple}
 Line = tuple[float, float]
 # 1/rad, rad/m, and periods within the reach: slower waves are springs, or errors of the bodies
 MIN_RATE, MIN_PERIODS = 4.0, 4.0
-MAX_RATE = 600.0  # 1/rad, rad/m
+MAX_TURN_RATE, MAX_SLIDE_RATE = 600.0, 1600.0  # 1/rad; rad/m, as of a screw with a pitch of 4 mm
 POINTS_PER_RATE = 4  # points of the periodogram per resolved rate
 DELAYS = 1e-3 * np.arange(-12.0, 13.0, 2.0)  # s
 # of a resolved rate; s: the search around
@@ -77,7 +78,8 @@ def largest_lines(residual: PositionResidual, fastest: float) -> tuple[Line, ...
     from scipy.ndimage import median_filter
 
     reach = float(np.ptp(residual.q))
-    min_rate, max_rate = max(MIN_RATE, 2.0 * np.pi * MIN_PERIODS / max(reach, 1e-12)), min(MAX_RATE, fastest)
+    min_rate = max(MIN_RATE, 2.0 * np.pi * MIN_PERIODS / max(reach, 1e-12))
+    max_rate = min(MAX_TURN_RATE if residual.turns else MAX_SLIDE_RATE, fastest)
     if not reach or min_rate >= max_rate:
         return ()
     by_delay = [residual.spectra(d, max_rate) for d in DELAYS.tolist()]
@@ -122,21 +124,24 @@ def ripple_kinds(
     excitation: JointExcitation,
     residual: Array,
     block: NDArray[np.intp],
-    turn: int,
+    earlier: Sequence[CandidateKind],
 ) -> list[CandidateKind]:
     """Return the ripples of a joint, also by the load, at the largest lines in the ``residual`` (N) of other terms.
 
-    ``block`` (N) is the block of each sample, -1 of those left out; ``turn`` is the number of ripples before.
+    ``block`` (N) is the block of each sample, -1 of those left out; rates of ``earlier`` ripples are not tried again.
     """
     joints, joint = excitation.joints, excitation.joint
-    step, j = float(np.median(np.diff(samples.motions[0].t))), joints.index(joint)
+    j = joints.index(joint)
     q, dq = (samples.states[name][:, j] for name in ("q", "dq"))
     position_residual = PositionResidual(q, dq, residual, block, samples.blocks, joint.kind == "revolute")
-    # The largest rate is limited by the sampling at the usual speed of the joint.
-    lines = largest_lines(position_residual, 0.5 * np.pi / step / excitation.speed)
+    # Half a period between recorded samples at the usual speed: thinned samples are not filtered, and show it, too.
+    lines = largest_lines(position_residual, np.pi / samples.interval / excitation.speed)
+    taken = {parameter.name for kind in earlier for term in kind.sizes(excitation) for parameter in term.parameters}
     kinds = []
     for name, law in RIPPLES.items() if samples.model.load_mask.any() else [("ripple", Ripple)]:
-        sizes = partial(fixed_terms, tuple(law(joints, on=(joint.name,), cycles=(k,), delay=d) for k, d in lines))
-        name = f"{name} {turn + 1}" if turn else name
-        kinds.append(CandidateKind(name, sizes, strict=True, reaches=True, needs_load=law.needs_load))
-    return kinds if lines else []
+        terms = (law(joints, on=(joint.name,), cycles=(k,), delay=d) for k, d in lines)
+        if free_terms := tuple(term for term in terms if term.parameters[0].name not in taken):
+            name = f"{name} {len(earlier) + 1}" if earlier else name
+            sizes = partial(fixed_terms, free_terms)
+            kinds.append(CandidateKind(name, sizes, strict=True, reaches=True, needs_load=law.needs_load))
+    return kinds

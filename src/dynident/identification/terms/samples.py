@@ -30,7 +30,7 @@ class TermSamples(Noun):
     """Samples of the ``motions`` of a ``model``, thinned evenly, N in all.
 
     ``rows`` are the usable ones of each motion, ``block`` (N) is the block of each sample, and ``of_block`` (F)
-    the motion of each block.
+    the motion of each block. ``interval`` (s) is that between the samples before they were thinned.
     """
 
     model: Model
@@ -38,6 +38,7 @@ class TermSamples(Noun):
     rows: tuple[NDArray[np.intp], ...]
     block: NDArray[np.intp]
     of_block: NDArray[np.intp]
+    interval: float
     selection: Selection = EVERYTHING
 
     def __len__(self) -> int:
@@ -56,13 +57,11 @@ class TermSamples(Noun):
 
     def turning_step(self, j: int) -> float:
         """Return by how much the velocity of a joint changes between two samples where it turns (rad/s, m/s)."""
-        steps = [np.zeros(0)]
+        steps = []
         for motion in self.motions:
-            before, after = motion.dq[:-1, j], motion.dq[1:, j]
-            turns = (before * after < 0) & motion.mask[:-1] & motion.mask[1:]
-            steps.append(np.abs(after - before)[turns])
-        all_steps = np.concatenate(steps)
-        return float(np.median(all_steps)) if len(all_steps) else 0.0
+            dq, usable = motion.dq[:, j], motion.mask[:-1] & motion.mask[1:]
+            steps.append(np.abs(np.diff(dq))[usable & (dq[:-1] * dq[1:] < 0)])
+        return float(np.median(all_steps)) if len(all_steps := np.concatenate(steps)) else 0.0
 
     @cached_property
     def usable_states(self) -> tuple[tuple[Array, Array, Array], ...]:
@@ -135,9 +134,8 @@ def select_samples(
     first_block = np.concatenate([[0], np.cumsum(counts)[:-1]])
     parts = zip(first_block, counts, map(len, rows), strict=True)
     block = [start + np.arange(size) * count // size for start, count, size in parts]
-    return TermSamples(
-        model, thinned, rows, np.concatenate(block), np.repeat(np.arange(len(counts)), counts), selection
-    )
+    of_block, interval = np.repeat(np.arange(len(counts)), counts), float(np.median(np.diff(usable[0].t)))
+    return TermSamples(model, thinned, rows, np.concatenate(block), of_block, interval, selection)
 
 
 def columns_of(samples: TermSamples, term: Term, j: int, loads: Sequence[Array]) -> Array:

@@ -176,5 +176,5 @@ def test_a_tilt_alone_makes_a_preparation_better() -> None:
         Preparation(tilt_base(model, *angles), LeastSquares(), motions, alignment, angles=angles)
         for angles in ((0.0, 0.0), (0.02, -0.035))
     )
-    assert right.is_better(level, model)
-    assert not level.is_better(right, model)
+    assert right.is_better(level, model, model)
+    assert not level.is_better(right, model, model)

@@ -13,7 +13,7 @@ from dynident.identification import Gain, Recipe, align_motion, calibration, fin
 from dynident.identification.calibration import ChosenTerms, Preparation, with_plain_terms
 from dynident.identification.dataset import Dataset
 from dynident.models import Model, RigidBodies, RotorInertia
-from dynident.models.friction import Dahl, Offset, Viscous
+from dynident.models.friction import Dahl, Offset, Ripple, Viscous
 from dynident.models.lagrangian import slider, two_link_arm
 from dynident.models.simulation import record
 from dynident.motion.log import Log, Motion
@@ -49,11 +49,12 @@ def left(motion: Motion) -> float:
     return float(100 * np.linalg.norm(rest) / np.linalg.norm(motion.tau))
 
 
-@pytest.mark.parametrize("delay", [-0.031, -0.004, -0.0006, 0.0018, 0.025])
+@pytest.mark.parametrize("delay", [-0.09, -0.031, -0.004, -0.0006, 0.0018, 0.025, 0.034])
 def test_the_time_offset_is_the_one_put_in_and_its_errors_are_those_by_hand(delay: float) -> None:
     motion = sliding(delay, 0.2)
     time_offset = find_time_offset(slider(), [motion])
     assert time_offset.seconds == pytest.approx(delay, abs=1e-4)
+    assert ("look for two clocks or a buffer" in str(time_offset)) == (abs(delay) > 0.032)
     assert time_offset.before == pytest.approx(left(motion), rel=0.02)
     assert time_offset.after == pytest.approx(left(sliding(0.0, 0.2)), rel=0.02)
 
@@ -72,14 +73,6 @@ def test_two_hundred_samples_are_enough_for_an_offset() -> None:
     assert few.seconds == 0.0
     assert np.isnan([few.before, few.after]).all()
     assert enough.seconds == pytest.approx(0.004, abs=1e-4)
-
-
-@pytest.mark.parametrize("delay", [-0.09, 0.034])
-def test_an_offset_of_a_buffer_is_found_and_said_to_be_unusual(delay: float) -> None:
-    time_offset = find_time_offset(slider(), [sliding(delay, 0.2)])
-    assert time_offset.seconds == pytest.approx(delay, abs=2e-4)
-    assert "look for two clocks or a buffer" in str(time_offset)
-    assert "look for" not in str(replace(time_offset, seconds=0.03))
 
 
 def test_what_is_masked_does_not_count_in_an_offset_or_its_error() -> None:
@@ -175,21 +168,15 @@ def test_what_the_motion_invents_of_an_offset_is_taken_off() -> None:
     assert none.after == none.before == pytest.approx(left(motion), rel=0.02)
 
 
-def test_the_scatter_of_what_the_motion_invents_is_an_error_of_the_offset() -> None:
-    """Two repetitions that show 3 ms of either sign have the mean zero +- 2.1 ms: 4 ms is no offset beside."""
-    sets = [[sliding(delayed, 0.2)] for delayed in (-0.003, 0.003)]
-    time_offset = find_time_offset(slider(), [sliding(0.004, 0.2)], repeat=lambda _: sets)
-    assert time_offset.seconds == 0.0
-    assert time_offset.std == pytest.approx(0.003 / np.sqrt(2), rel=0.02)
-
-
-@pytest.mark.parametrize("delay", [0.045, -0.045])
-def test_an_invented_offset_beyond_the_range_leaves_none(delay: float) -> None:
-    motion = sliding(0.004, 0.2)
-    sets = [[sliding(0.001, 0.2)], [sliding(delay, 0.2)]]
+@pytest.mark.parametrize("shown", [(-0.003, 0.003), (0.001, 0.045), (0.001, -0.045)])
+def test_none_is_left_where_what_the_motion_invents_scatters_or_is_beyond_the_range(shown: tuple[float, float]) -> None:
+    """Repetitions that show 3 ms of either sign have the mean zero +- 2.1 ms: 4 ms is no offset beside."""
+    motion, sets = sliding(0.004, 0.2), [[sliding(delay, 0.2)] for delay in shown]
     time_offset = find_time_offset(slider(), [motion], repeat=lambda _: sets)
     assert time_offset.seconds == 0.0
     assert time_offset.after == time_offset.before == pytest.approx(left(motion), rel=0.02)
+    if np.ptp(shown) < 0.01:
+        assert time_offset.std == pytest.approx(0.003 / np.sqrt(2), rel=0.02)
 
 
 @pytest.mark.parametrize(("noise", "seconds"), [(1.0, 0.06), (25.0, 0.0)])
@@ -210,16 +197,16 @@ def test_a_smoother_that_shifts_keeps_its_shift_unless_another_predicts_better()
         assert result.smoother.time_offset == result.time_offset.seconds == pytest.approx(0.0033, abs=1e-4)
 
 
-def presliding(seed: int, delay: float = 0.004, length: float = 0.05) -> Log:
+def presliding(seed: int, delay: float = 0.004, length: float = 0.05, ripple: float = 0.0) -> Log:
     """An arm with friction that builds up over a ``length`` (rad), and with torques that are late by a delay (s)."""
     t, rng = np.arange(0, 12, 0.01), np.random.default_rng(seed)
     rates, phases, sizes = (rng.uniform(*limits, (4, 1)) for limits in ((0.8, 5.0), (0, 6), (0.15, 0.4)))
     angle = rates * t[:, None, None] + phases
     q, dq, ddq = (np.sum(sizes * rates**k * np.sin(angle + k * np.pi / 2), axis=1) for k in range(3))
     on = UPPER_ARM.joints
-    model = Model((UPPER_ARM, RotorInertia(on), Viscous(on), Dahl(on, length=length), Offset(on)))
-    values = {"Ia_j": 0.3, "Fv_j": 1.0, "Fd_j": 5.0, "offset_j": 0.4}
-    theta = np.array([values[x.name] if x.value is None else x.value for x in model.parameters])
+    terms = RotorInertia(on), Viscous(on), Dahl(on, length=length), Offset(on), Ripple(on, cycles=30)
+    model, values = Model((UPPER_ARM, *terms)), {"Ia_j": 0.3, "Fv_j": 1.0, "Fd_j": 5.0, "offset_j": 0.4}
+    theta = np.array([values.get(x.name, ripple) if x.value is None else x.value for x in model.parameters])
     motion = model.remembering(Motion(t, q, dq, ddq, np.zeros_like(q), ("j",), np.ones(len(t), bool)))
     tau = np.interp(t - delay, t, model.torque(**motion.states(), theta=theta)[:, 0])[:, None]
     tau = tau + 0.01 * tau.std() * rng.standard_normal(tau.shape)
@@ -234,9 +221,11 @@ def test_friction_that_builds_up_is_no_offset_where_the_model_lacks_it(delay: fl
     assert result.time_offset.seconds == pytest.approx(-delay, abs=5e-4)
 
 
-def test_friction_that_builds_up_takes_its_share_of_the_offset_back() -> None:
+@pytest.mark.parametrize("ripple", [0.0, 1.0])
+def test_friction_that_builds_up_takes_its_share_of_the_offset_back(ripple: float) -> None:
     recipe = Recipe(Spline(sigma=1e-5), time_offset="estimate", terms="auto")
-    result = identify(Model((UPPER_ARM,)), {"a": presliding(4)}, {"b": presliding(5)}, recipe)
+    logs = [presliding(seed, ripple=ripple) for seed in (4, 5)]  # of which a late ripple would keep what it looks like
+    result = identify(Model((UPPER_ARM,)), {"a": logs[0]}, {"b": logs[1]}, recipe)
     assert result.calibration.time_offset.seconds == pytest.approx(-0.004, abs=5e-4)
     assert result.validations[1].errors.relative_error < 1.5
 

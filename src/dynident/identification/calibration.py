@@ -29,7 +29,7 @@ from dynident.identification.terms import (
 from dynident.identification.terms.candidates import TooFewSamplesError
 from dynident.identification.time_offset import Alignment, TimeOffset, align_motion, trial_samples
 from dynident.models import Model, RotorInertia, drop_load_dependence
-from dynident.models.friction import Coulomb, Offset, Viscous
+from dynident.models.friction import Coulomb, Offset, Ripple, Viscous
 from dynident.motion.log import Motion, subsample
 from dynident.motion.smoothers import strip_time_offset
 from dynident.regression import EVERYTHING, Regression, Selection
@@ -132,14 +132,14 @@ class Preparation:
         has_same_tilt = np.abs(np.subtract(tilt, other_tilt)).max() < MAX_SAME_TILT
         return has_same_smoother and bool(has_same_tilt) and abs(self.time_offset - other.time_offset) < MAX_SAME_OFFSET
 
-    def is_better(self, other: Preparation, model: Model) -> bool:
-        """Return whether a model predicts left-out stretches better on its motions and base, beyond chance."""
+    def is_better(self, other: Preparation, model: Model, other_model: Model, move: float = 0.0) -> bool:
+        """Return whether a model on the motions, shifted by ``move`` (s), predicts left-out stretches surely better."""
         pairs = list(zip(other.motions.train, self.motions.train, strict=True))
         common = [replace(new, mask=old.mask & new.mask) for old, new in pairs]
         rows = subsample(common, trial_samples(self.model))
         chosen = [(pair, at) for pair, at in zip(pairs, rows, strict=True) if len(at) > 1]
-        models = [on_base(model, preparation.angles) for preparation in (other, self)]
-        before, after = ([models[k].remembering(pair[k]).shift(0.0, at) for pair, at in chosen] for k in range(2))
+        models = [on_base(other_model, other.angles), on_base(model, self.angles)]
+        before, after = ([models[k].remembering(pair[k]).shift(k * move, at) for pair, at in chosen] for k in range(2))
         gain = motion_gain(models[1], before, after, model_before=models[0])
         return gain.sure and gain.share > MIN_GAIN
 
@@ -263,6 +263,18 @@ class ChosenTerms:
     choice: TermChoice
     notes: tuple[Note, ...]
 
+    @property
+    def ripple_delay(self) -> float:
+        """The median delay (s) of the ripples that were chosen, 0 where there are none."""
+        ripples = [term for term in self.choice.terms if isinstance(term, Ripple)]
+        return float(np.median([x.constant("delay", name) for x in ripples for name in x.acts_on] or [0.0]))
+
+    def loaded_model(self, *, is_prompt: bool = False) -> Model:
+        """Return the model with its load, in which the ripples that were chosen act at once if it ``is_prompt``."""
+        late = [term for term in self.choice.terms if isinstance(term, Ripple) and is_prompt]
+        terms = tuple(replace(term, delay=0.0) if term in late else term for term in self.model.terms)
+        return replace(self.model, terms=terms, load=self.choice.load if self.model.needs_load else None)
+
 
 def add_chosen_terms(model: Model, recipe: Recipe, preparation: Preparation) -> ChosenTerms:
     """Choose the terms of a model on prepared motions; return model and recipe with them, and with minimum speeds.
@@ -312,14 +324,17 @@ def choose_in_rounds(
     terms = add_chosen_terms(model, recipe, preparation)
     for _ in range(MAX_ROUNDS):
         # All is aligned anew by the terms that were chosen, with their load, and what no longer gains is dropped.
-        full_model = replace(terms.model, load=terms.choice.load if terms.model.needs_load else None)
         # the samples below a minimum speed that was chosen hold reversals, which show the time offset best
         trial_recipe = replace(terms.recipe, min_speed=recipe.min_speed)
-        aligned = prepare(full_model, data, trial_recipe, executor, cache, preparation.angles, presliding=False)
+        full_model, trial_model, delay = terms.loaded_model(), terms.loaded_model(is_prompt=True), terms.ripple_delay
+        # late ripples hold the offset that they were found with, unless they are late because of that
+        if not delay or not preparation.is_better(preparation, trial_model, full_model, -delay):
+            trial_model = full_model
+        aligned = prepare(trial_model, data, trial_recipe, executor, cache, preparation.angles, presliding=False)
         if aligned.is_near(preparation):
             preparation = aligned
             break
-        if not aligned.is_better(preparation, full_model):
+        if not aligned.is_better(preparation, trial_model, full_model):
             break
         other_terms = add_chosen_terms(model, recipe, aligned)
         if not other_terms.choice.error < terms.choice.error:

@@ -233,8 +233,8 @@ def _find_within(
         return error
 
     error = error_of(motions)
-    aligned_error = training_error(*fit.solve(fit.shift(motions, 0.0)))
-    best, after, before = _minimise_error(error, trials, trials)
+    aligned_error = training_error(*fit.solve(fit.shift(motions, 0.0)))  # as it is told: without weights
+    before, (best, after) = error(0.0), _minimise_error(error, trials, trials)
     if np.isnan(best):
         return TimeOffset(np.nan, aligned_error, aligned_error)
     refined, std = fit.refine(motions, best)
@@ -252,7 +252,7 @@ def _find_within(
     spurious_offsets = []
     for repeated_motions in repeat(theta):
         fast = _keep_fast(repeated_motions, selection)
-        offset, *_ = _minimise_error(error_of(fast), trials[:NEAREST_TRIALS], trials)
+        offset, _ = _minimise_error(error_of(fast), trials[:NEAREST_TRIALS], trials)
         if takes_slope and np.isfinite(offset):
             offset, _ = fit.refine(fast, offset)
         spurious_offsets.append(offset)
@@ -271,18 +271,17 @@ def _find_within(
 
 def _keep_fast(motions: Sequence[Motion], selection: Selection) -> list[Motion]:
     """Return the motions of which the fit leaves out samples slower than ``min_speed`` (n)."""
-    return [
-        motion if selection.min_speed is None else replace(motion, keep=fitted_rows(motion, selection.min_speed))
-        for motion in motions
-    ]
+    if selection.min_speed is None:
+        return list(motions)
+    return [replace(motion, keep=fitted_rows(motion, selection.min_speed)) for motion in motions]
 
 
 def _minimise_error(
     error: Callable[[float], float],
     trials: Sequence[float] = TRIAL_OFFSETS,
     all_trials: Sequence[float] = TRIAL_OFFSETS,
-) -> tuple[float, float, float]:
-    """Return the offset of least error, nan beyond the range, its error, and the error without offset.
+) -> tuple[float, float]:
+    """Return the offset of least error, nan beyond the range, and its error.
 
     It lies next to the best of the trials; where that is the last, ``all_trials`` are tried.
     """
@@ -290,10 +289,9 @@ def _minimise_error(
 
     errors = {side * trial: error(side * trial) for trial in trials for side in ((-1.0, 1.0) if trial else (1.0,))}
     # Start from the best trial; Brent's method then needs a bracket around it.
-    best, before = min(errors, key=lambda trial: errors[trial]), errors[0.0]
+    best = min(errors, key=lambda trial: errors[trial])
     if abs(best) == trials[-1]:
-        is_last = trials is all_trials
-        return (np.nan, before, before) if is_last else _minimise_error(error, all_trials, all_trials)
+        return (np.nan, errors[best]) if trials is all_trials else _minimise_error(error, all_trials, all_trials)
 
     def squared_error(x: float) -> float:  # nearly a parabola, of which a few values are enough
         trial = start.get(x, float(x) - 1.0)
@@ -306,7 +304,7 @@ def _minimise_error(
         start = {1.0 + trial: trial for trial in (low, best, high)}  # the precision is relative to the unknown
         minimize_scalar(squared_error, tuple(start), method="brent", options={"xtol": SEARCH_STEP})
         best = float(min(errors, key=lambda trial: errors[trial]))
-    return (best, errors[best], before) if abs(best) <= all_trials[-2] else (np.nan, before, before)
+    return best if abs(best) <= all_trials[-2] else np.nan, errors[best]
 
 
 def _shift(motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], time_offset: float) -> tuple[Motion, ...]:

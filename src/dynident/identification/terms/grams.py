@@ -234,13 +234,8 @@ def try_groups(
         for sizes in groups
     ]
     after, best, values, independent = zip(*group_fits, strict=True) if group_fits else ((),) * 4
-
-    def by_fold(of_groups: Sequence[Array]) -> Array:
-        return np.reshape(of_groups, (len(groups), len(before))).T
-
-    return TrialFits(
-        before, by_fold(after), by_fold(best).astype(np.intp), tuple(values), by_fold(independent).astype(bool)
-    )
+    by_fold = [np.reshape(x, (len(groups), len(before))).T for x in (after, best, independent)]
+    return TrialFits(before, by_fold[0], by_fold[1].astype(np.intp), tuple(values), by_fold[2].astype(bool))
 
 
 class _CandidateFit(Noun):

@@ -143,7 +143,9 @@ class Commands(click.Group):
             if isinstance(stream := getattr(sys, name), io.TextIOWrapper):  # not every encoding has every name
                 stream.reconfigure(errors="backslashreplace")
         try:
-            code: object = super().main(args, **(_program_names() | how), standalone_mode=False)
+            completed = f"_{PROGRAM.upper()}_COMPLETE"  # a shell's completion uses its own name
+            names = {"prog_name": PROGRAM if completed in os.environ else launcher(), "complete_var": completed}
+            code: object = super().main(args, **(names | how), standalone_mode=False)
         except click.ClickException as error:
             _show_error(error)
             sys.exit(error.exit_code)
@@ -199,12 +201,6 @@ def _with_address_space(work: Callable[..., Any]) -> Callable[..., Any]:
         return work(*args, **kwargs)
 
     return run
-
-
-def _program_names() -> dict[str, str]:
-    """Return the name of the program in messages; a shell's completion uses its own name."""
-    completed = f"_{PROGRAM.upper()}_COMPLETE"
-    return {"prog_name": PROGRAM if completed in os.environ else launcher(), "complete_var": completed}
 
 
 def _require_address_space() -> None:

@@ -122,7 +122,9 @@ def verify(trajectory: Trajectory, feasible: Feasibility, shapes: Distances | No
         fine_times = _times_near_extremes(t, values, limits)
         for times, sampled in ((t, values), (fine_times, _with_torque(model, theta, piece.course.states(fine_times)))):
             np.maximum(reached, _limit_shares(sampled, float(start) + times, limits), out=reached)
-            torque_samples.append(_select_samples(sampled))
+            # states spread evenly and those of the largest torques: all would take a long time by the second route
+            largest, spread = np.abs(sampled[4]).argmax(axis=0), np.arange(0, len(times), max(1, len(times) // 100))
+            torque_samples.append(sampled[:, np.union1d(largest, spread)])
             samples += len(times)
         last = states[:, -1]
     ends = trajectory.states(np.array([0.0, trajectory.duration]))
@@ -208,13 +210,6 @@ def _check_rest(ends: Array, duration: float, limits: MotionLimits) -> None:
             end, joint = np.argwhere(moving)[0]
             words = f"{QUANTITIES[d]} is {ends[d, end, joint]:.4g} where the trajectory should be at rest"
             raise LimitError.at(limits.joints[joint], float(end) * duration, words)
-
-
-def _select_samples(values: Array) -> Array:
-    """Return some of the states with their torques (5, K, n): spread evenly, and those of the largest torques."""
-    # a sample of both: all torques would take a long time by the second route
-    rows = np.union1d(np.abs(values[4]).argmax(axis=0), np.arange(0, values.shape[1], max(1, values.shape[1] // 100)))
-    return np.asarray(values[:, rows])
 
 
 def _second_route(model: Model, theta: Array, torque_samples: Sequence[Array]) -> tuple[str, ...]:

@@ -121,8 +121,10 @@ def map_columns(
     elif position and torque is None:
         torque = match_torque_by_shape(table, usable, position)
     table = complete_rows(table, (position, torque))
+    # those with position and torque, or with what there is of both
+    recorded = [set(match.columns) for match in (position, torque) if match and match.columns]
+    names = set.intersection(*recorded) if recorded else {joint.name for joint in usable}
     # joints that never move are locked, unless this would leave none to identify
-    names = _joints_to_identify(position, torque, usable)
     signals = _position_channels(table, usable, position, ros)
     matched_joints = [joint for joint in usable if joint.name in names]
     still = _still_joints([table, *other_tables], matched_joints, signals) if lockable else ()
@@ -191,12 +193,6 @@ def _unknown_joint_columns(
     parsed = [read_name(column, [joint.name for joint in joints]) for column in unused]
     like = ("position", None, position.family.rank)
     return tuple(name.column for name in parsed if (name.role, name.joint, name.rank) == like)
-
-
-def _joints_to_identify(position: Match | None, torque: Match | None, joints: Sequence[MovableJoint]) -> set[str]:
-    """Return the joints to identify: those with position and torque, or with the one that was found."""
-    matched = [set(match.columns) for match in (position, torque) if match and match.columns]
-    return set.intersection(*matched) if matched else {joint.name for joint in joints}
 
 
 def _position_channels(
@@ -387,8 +383,7 @@ def _lock_positions(
     for joint in joints:
         if joint.name in identified or (joint.follows and joint.follows not in identified):
             continue
-        signal, limits = recorded.get(joint.name), joint.limits
-        unit = _si_unit(joint, POSITIONS)
+        signal, unit = recorded.get(joint.name), _si_unit(joint, POSITIONS)
         if joint.follows:
             lock[joint.name] = 0.0, f"it follows {joint.follows!r}, which moves: a model cannot have both"
         elif signal is not None and signal.column is not None:
@@ -397,9 +392,5 @@ def _lock_positions(
             moves = f"it moves by {span:.2g} {unit} in the log" if span > _MAX_LOCKED_MOTION else ""
             lock[joint.name] = (round(float(np.median(q)), _LOCK_DECIMALS) + 0.0 if len(q) else 0.0), moves
         else:
-            # the position nearest to zero that the joint can have
-            low = -math.inf if limits.lower is None else limits.lower
-            high = math.inf if limits.upper is None else limits.upper
-            question = f"it is not in the log: where does it stand ({unit})?"
-            lock[joint.name] = min(max(0.0, low), high), question
+            lock[joint.name] = joint.limits.nearest_to_zero, f"it is not in the log: where does it stand ({unit})?"
     return lock

@@ -77,18 +77,12 @@ def read_source(log: str) -> LogSource:
 
 def _short_names(stems: Sequence[str]) -> list[str]:
     """Return the stems without the words that all of them share at the start and the end."""
-    words = _drop_common_start([re.split(r"[\W_]+", stem) for stem in stems])
-    # reversed, the common end becomes a common start
-    words = _drop_common_start([stem[::-1] for stem in words])
-    short = ["_".join(stem[::-1]) for stem in words]
+    words = [re.split(r"[\W_]+", stem) for stem in stems]
+    for _ in range(2):  # twice reversed, so that the common end goes, too
+        start = len(os.path.commonprefix(words))
+        words = [stem[start:][::-1] for stem in words]
+    short = ["_".join(stem) for stem in words]
     return short if all(short) and len(set(short)) == len(short) else list(stems)
-
-
-def _drop_common_start(words: list[list[str]]) -> list[list[str]]:
-    """Drop the first words that all lists share."""
-    while all(words) and len({name_words[0] for name_words in words}) == 1:
-        words = [name_words[1:] for name_words in words]
-    return words
 
 
 @dataclass(frozen=True)

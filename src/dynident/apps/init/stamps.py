@@ -114,12 +114,9 @@ def _find_clock(table: DataTable, rows: int, several: bool) -> tuple[str, str | 
     if not clocks or (len(clocks) > 1 and not several):
         return None
 
-    def rank(name: str) -> tuple[bool, bool]:
-        """Sample counters come last, and columns in seconds first."""
-        column = table.columns[name]
-        return _is_counter(column), not _MIN_STEP <= _median_step(column) <= _MAX_STEP
-
-    ranked = sorted(clocks, key=rank)
+    # sample counters come last, and columns in seconds first
+    in_seconds = {name: _MIN_STEP <= _median_step(table.columns[name]) <= _MAX_STEP for name in clocks}
+    ranked = sorted(clocks, key=lambda name: (_is_counter(table.columns[name]), not in_seconds[name]))
     words = re.split("[^a-z]+", ranked[0].lower())
     question = "the only column that increases evenly: is it the time?"
     if ranked[1:]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import replace
@@ -169,7 +169,11 @@ def _compute_rows(task: Task, parts: Parts, table: Path | None, options: JobOpti
         keys = [(smoother.name, "", digest) for smoother, digest in zip(smoothers, digests, strict=True)]
         smoothing, numbers = Smoothing(task, smoothers, digests), range(len(smoothers))
         key = keys.__getitem__
-        store.fill(smoothing, numbers, key, partial(_smoother_rows, key), options, "smoothing by each method")
+
+        def make_rows(result: JobResult[int, dict[str, Any]]) -> list[Mapping[str, Any]]:
+            return [result.value or _unfinished_row(key(result.job), result)]
+
+        store.fill(smoothing, numbers, key, make_rows, options, "smoothing by each method")
         # the rows of all smoothers are needed first: only samples that all of them keep are compared
         smoother_rows = _rows_by_key(store, keys)
         fit = Fit(task, _common_samples(task, smoothers, smoother_rows), smoothers, estimators)
@@ -224,12 +228,6 @@ def _iterates(estimator: Estimator) -> bool:
     fit."""
     linear = estimator.fit if isinstance(estimator, PhysicallyConsistent) else estimator
     return isinstance(linear, SimulatingEstimator | AugmentedKalman | MaximumLikelihood)
-
-
-def _smoother_rows(
-    key: Callable[[int], tuple[str, str, str]], result: JobResult[int, dict[str, Any]]
-) -> Sequence[Mapping[str, Any]]:
-    return [result.value or _unfinished_row(key(result.job), result)]
 
 
 def _group_rows(fit: Fit, result: JobResult[tuple[Job, ...], list[dict[str, Any]]]) -> Sequence[Mapping[str, Any]]:

@@ -209,7 +209,9 @@ def identified_mjcf(identified: IdentifiedModel) -> ExportText:
     """
     bodies, joint_drives, shares, notes = robot_content(identified, "mjcf", armature=True)
     text = XmlText(bodies.xml if bodies.format == "mjcf" else mjcf_of(bodies))
-    if _is_in_radians(text):
+    compilers = [child.attributes for child in text.root.children if child.tag == "compiler"]
+    # settings of several compiler elements are merged, the last one counts
+    if [compiler["angle"] for compiler in compilers if "angle" in compiler][-1:] == ["radian"]:
         for node in (node for node in _body_nodes(text) if node.tag in ("body", "frame")):
             text.write_exact_angles(node, "euler")
             text.write_exact_angles(node, "axisangle", 1)
@@ -224,12 +226,6 @@ def identified_mjcf(identified: IdentifiedModel) -> ExportText:
         _set_gravity(text, bodies.gravity)
     notes += _remove_altering(text)
     return ExportText(str(text), joint_drives.left_out, notes)
-
-
-def _is_in_radians(text: XmlText) -> bool:
-    compilers = [child.attributes for child in text.root.children if child.tag == "compiler"]
-    # settings of several compiler elements are merged, the last one counts
-    return [compiler["angle"] for compiler in compilers if "angle" in compiler][-1:] == ["radian"]
 
 
 def _body_nodes(text: XmlText) -> Iterator[XmlNode]:

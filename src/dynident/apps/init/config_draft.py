@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -79,7 +80,8 @@ def _short_names(stems: Sequence[str]) -> list[str]:
     """Return the stems without the words that all of them share at the start and the end."""
     words = [re.split(r"[\W_]+", stem) for stem in stems]
     for _ in range(2):  # twice reversed, so that the common end goes, too
-        start = len(os.path.commonprefix(words))
+        shared = takewhile(lambda parts: len(set(parts)) == 1, zip(*words, strict=False))
+        start = len(list(shared))
         words = [stem[start:][::-1] for stem in words]
     short = ["_".join(stem) for stem in words]
     return short if all(short) and len(set(short)) == len(short) else list(stems)

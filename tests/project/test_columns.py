@@ -85,6 +85,7 @@ NAMES = {  # role, joint, number, unit, rank
     "axis2.current_control.Iq": ("current", None, 2, None, -2),
     "axis 2 pos [rad] motor side": ("position", None, 2, "rad", 0),
     "FBPos_2": ("position", None, 2, None, 1),
+    "第2軸 電流値 [A]": ("current", None, 2, "A", 0),
 }
 
 

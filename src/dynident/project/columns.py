@@ -67,9 +67,9 @@ _ROLES: Mapping[str, frozenset[str]] = {  # the first that a name has is its rol
         "dq qd dot qvel vel velocity velocities speed speeds qdot dtheta omega geschwindigkeit drehzahl vitesse "
         "velocidad 速度"
     ),
-    "current": _word_set("current currents cur curr iq amp amps ampere i strom courant corriente 电流"),
+    "current": _word_set("current currents cur curr iq amp amps ampere i strom courant corriente 电流 電流 電流値"),
     "torque": _word_set(
-        "tau qfrc torque torques effort efforts eff trq tq moment force forces kraft couple 力矩 扭矩 转矩"
+        "tau qfrc torque torques effort efforts eff trq tq moment force forces kraft couple 力矩 扭矩 转矩 トルク"
     ),
     "position": _word_set(
         "q qpos pos position positions angle angles ang theta th phi enc encoder encoders pulse pulses qm winkel "

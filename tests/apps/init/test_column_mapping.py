@@ -71,7 +71,9 @@ def test_measured_columns_are_preferred():
 
 
 def test_positions_in_degrees_are_preferred_to_counts() -> None:
-    counts = {f"enc{k}": wave(1e5, k) for k in (1, 2)}
+    counts = {f"enc_raw{k}": wave(1e5, k) for k in (1, 2)}
+    estimated = map_columns(table(**counts, **signals(position=("angle_est1", "angle_est2"))), ARM)
+    assert chosen(estimated)[:2] == ["angle_est1", "angle_est2"]
     mapping = map_columns(table(**counts, **signals(position=("J1[deg]", "J2[deg]"))), ARM)
     assert chosen(mapping) == ["J1[deg]", "J2[deg]", "tau1", "tau2"]
     assert not any("same meaning" in channel.question for channel in mapping.position.values())

@@ -37,6 +37,13 @@ class MovableJoint:
     limits: RobotJointLimits = field(default_factory=RobotJointLimits)
     follows: str = ""
 
+    def can_move(self, span: float, *, degrees: bool = False) -> bool:
+        """Return whether its limits let it move by a span in rad or m, or in ``degrees`` or mm."""
+        lower, upper = self.limits.lower, self.limits.upper
+        reach = upper - lower if lower is not None and upper is not None and lower < upper else 4 * math.pi
+        unit = 1.0 if not degrees else 180 / math.pi if self.kind == "revolute" else 1000.0
+        return span <= 1.1 * reach * unit
+
 
 @dataclass(frozen=True)
 class Match:
@@ -82,6 +89,10 @@ def best_pair(
     matches = [match for match in family_matches if match.columns]
     turning = {joint.name for joint in joints if joint.kind == "revolute"}
     positions = [match for match in matches if match.family.role == "position" and not _has_length(match, turning)]
+    # counts of an encoder are far beyond the joints
+    positions = [
+        match for match in positions if match.family.units or _can_be_angles(table, match, joints)
+    ] or positions
     torques = [match for match in matches if match.family.role in ("torque", "current")]
     # all pairs of one length are compared, each also without its partner: positions alone beat a wrong pair
     pairs = (
@@ -91,6 +102,13 @@ def best_pair(
     )
     position, torque = max(pairs, key=_pair_merit, default=(None, None))
     return _ask_about_rivals(table, position, positions), _ask_about_rivals(table, torque, torques)
+
+
+def _can_be_angles(table: DataTable, match: Match, joints: Sequence[MovableJoint]) -> bool:
+    """Return whether the columns span no more than the joints can move, in rad and m, or in degrees and mm."""
+    columns = {name: finite_values(table.columns[column]) for name, column in match.columns.items()}
+    spans = [(joint, np.ptp(columns[joint.name])) for joint in joints if len(columns.get(joint.name, ()))]
+    return any(all(joint.can_move(span, degrees=degrees) for joint, span in spans) for degrees in (False, True))
 
 
 def _has_length(match: Match, joints: Collection[str]) -> bool:

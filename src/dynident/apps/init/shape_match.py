@@ -268,13 +268,7 @@ def _explained_by(X: Array, start: int, starts: Sequence[int], n: int) -> float:
 
 def _is_reachable(joints: Sequence[MovableJoint], X: Array, *, degrees: bool = False) -> bool:
     """Return whether columns (N, n) span no more than the joints can move, in rad and m, or in degrees and mm."""
-    for joint, span in zip(joints, np.ptp(X, axis=0), strict=True):
-        lower, upper = joint.limits.lower, joint.limits.upper
-        reach = upper - lower if lower is not None and upper is not None and lower < upper else 4 * np.pi
-        unit = 1.0 if not degrees else 180 / np.pi if joint.kind == "revolute" else 1000.0
-        if span > 1.1 * reach * unit:
-            return False
-    return True
+    return all(joint.can_move(span, degrees=degrees) for joint, span in zip(joints, np.ptp(X, axis=0), strict=True))
 
 
 def _roughness(X: Array) -> float:

@@ -84,12 +84,10 @@ def test_true_gaps_are_kept(pause: float) -> None:
 
 
 def test_a_rate_that_drifts_is_no_equal_spacing() -> None:
-    """The stamps follow it, with some jitter; the noise of the positions alone would not show the drift."""
+    """The stamps follow it, with some jitter; the noise of the positions alone would not show the drift. A joint that
+    does not move says nothing of the time."""
     drift = EVEN + 0.02 * np.sin(EVEN / 4)
     drifting = log(drift + 0.01 * JITTER, drift, noise=1e-7)
     assert respace(drifting) == (drifting, None)
-
-
-def test_a_joint_that_does_not_move_says_nothing_of_the_time() -> None:
     still = Log(EVEN + JITTER, np.zeros((N, 1)), np.cos(EVEN)[:, None], ("a",), "log")
     assert timing(still).even == 1.0

@@ -57,14 +57,11 @@ def test_friction_that_turns_smoothly_is_no_backlash(width: float) -> None:
         assert finding.message.width == pytest.approx(width * velocity.std(), rel=0.6)
 
 
-def test_a_right_arm_and_a_single_event_leave_nothing_there() -> None:
+def test_a_right_arm_a_single_event_and_no_samples_leave_nothing_there() -> None:
     assert list(reversal_findings(arm(), [MOVED])) == []
     assert list(reversal_findings(arm(), [with_torque(10.0 * after_reversals(0, only=3))])) == []
     turned = np.append(np.diff(np.sign(MOVED.dq[:, 0])), 0.0)  # the sign of one sample, which noise decides
     assert list(reversal_findings(arm(), [with_torque(3.0 * turned)])) == []
-
-
-def test_where_no_sample_lies_at_a_reversal_nothing_is_said() -> None:
     moved = with_torque(after_reversals(0))
     assert list(reversal_findings(arm(), [moved], (0.5, 0.5, 0.5))) == []
     assert list(reversal_findings(arm(), [replace(moved, mask=T < 0.005)])) == []

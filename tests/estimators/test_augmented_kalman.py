@@ -56,14 +56,11 @@ def test_divergence_is_said():
         _combine_pieces(np.zeros((1, 2)), np.diag([2.0 * PRIOR_STD, 0.1])[None], 1.0)
 
 
-def test_terms_that_remember_are_refused():
+def test_terms_that_remember_and_short_motions_are_refused():
     model = ARM.with_terms(Dahl(ARM.joints, length=0.1))
     motion = model.remembering(multisine_motion(ARM, samples=100))
     with pytest.raises(ConfigError, match="remember"):
         AugmentedKalman()(make_problem(model, motion))
-
-
-def test_too_short():
     short = multisine_motion(ARM, samples=2000).select_between(stop=0.03)
     with pytest.raises(InputError, match="at least 12"):
         series_of(make_problem(ARM, short), 4000, np.ones(2), (np.zeros((2000, 2)),), (short.tau,))

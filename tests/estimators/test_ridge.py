@@ -82,12 +82,9 @@ def test_intervals_hold_where_the_prior_is_wrong(strength):
     assert np.mean(inside, axis=0).min() > 0.86  # of 40 recordings: 2.6 standard deviations below 0.95
 
 
-def test_a_prior_is_a_number():
+def test_wrong_settings_are_named():
     with pytest.raises(ConfigError, match="prior of J"):
         Ridge(prior={"J": np.nan})
-
-
-def test_unknown_parameter():
     with pytest.raises(ConfigError, match="has no parameter 'x'"):
         Ridge({"x": 1.0})(weak())
     assert Ridge({"x": 1.0, "y": 2.0}).among(["y"]).named == ("y",)

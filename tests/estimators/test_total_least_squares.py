@@ -117,12 +117,9 @@ def test_no_solution():
         _solve_total(factor, np.diag([1e6, 0.0]), rank_of(factor), 100, 1.0)
 
 
-def test_an_error_is_no_negative_number():
+def test_wrong_settings_are_named():
     with pytest.raises(ConfigError, match="J = -1"):
         TotalLeastSquares({"J": -1.0})
-
-
-def test_unknown_parameter():
     with pytest.raises(ConfigError, match="has no parameter 'x'"):
         TotalLeastSquares({"x": 1.0})(noisy((0.0, 0.0), 0.1))
     assert TotalLeastSquares({"x": 1.0, "y": 2.0}).among(["y"]).named == ("y",)

@@ -156,18 +156,15 @@ def test_other_files_are_not_opened(tmp_path):
         assert words in faults[name]
 
 
-def test_rings_of_groups_end(tmp_path):
+def test_rings_of_groups_end_and_an_array_larger_than_its_file_can_hold_is_refused(tmp_path):
     path = write_hdf5(tmp_path / "a.h5")
     with h5py.File(path, "a") as file:
         file["arm/self"] = file["arm"]
     assert "arm/tau" in read_columns(path).columns
-
-
-def test_an_array_larger_than_its_file_can_hold_is_refused(tmp_path):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
+    with h5py.File(path, "w") as file:
         file.create_dataset("q", (10**11,), "f8", chunks=(1000,))
     with pytest.raises(InputError, match="claims 800000000000 bytes"):
-        read_columns(tmp_path / "a.h5")
+        read_columns(path)
 
 
 @pytest.mark.parametrize("name", ["a.h5", "a.mat"])

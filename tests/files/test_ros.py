@@ -115,12 +115,9 @@ def test_a_bag_without_joint_states_lists_its_topics(tmp_path, kind):
         read_columns(write_bag(tmp_path, kind, []))
 
 
-def test_a_bag_whose_states_are_empty_is_refused(tmp_path):
+def test_a_bag_whose_states_are_empty_and_a_folder_that_is_none_are_refused(tmp_path):
     with pytest.raises(InputError, match="has no joint state in /joint_states"):
         read_columns(write_bag(tmp_path, "bag", [State(())]))
-
-
-def test_a_folder_that_is_no_bag_is_refused(tmp_path):
     path = write_bag(tmp_path, "mcap", ramp(2))
     (path.parent / "metadata.yaml").unlink()
     with pytest.raises(InputError, match=r"without metadata.yaml, so it is not a ROS 2 bag.*hoose from 'arm.mcap'"):

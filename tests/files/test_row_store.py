@@ -281,9 +281,6 @@ def test_a_run_is_told_why_it_cannot_work_there(path: Path) -> None:
             pass
         table.add([row(1)])
     assert runs(pl.read_parquet(path)) == [0, 1]
-
-
-def test_unknown_columns_are_a_mistake(path: Path) -> None:
     with store(None) as table, pytest.raises(ValueError, match=r"no columns .'mine'"):
         table.add([row(0) | {"mine": 1}])
 

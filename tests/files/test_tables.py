@@ -105,15 +105,12 @@ def test_a_faulty_number_is_not_lost_where_rows_are_of_one_joint_each(tmp_path):
     assert list(table.lines) == [2, 4]
 
 
-def test_a_commented_header_holds_where_rows_have_texts(tmp_path):
+def test_a_header_is_read_behind_a_sign_of_comments_and_in_other_encodings(tmp_path):
     table = read_columns(written(tmp_path, "a.csv", "%time,name0,q0,q1\n0,elbow,0.0,0.0\n1,elbow,0.5,0.1\n"))
     assert list(table.columns) == ["time", "q0", "q1"]
     assert "elbow" in table.faults["name0"]
     assert dict(table.texts) == {"name0": "elbow"}
     assert list(read_columns(written(tmp_path, "b.csv", "# a,b\nt,state\n0,up\n")).columns) == ["t"]
-
-
-def test_other_encodings_of_the_header_are_read(tmp_path):
     assert "α" in read_columns(written(tmp_path, "a.txt", "t\tα\n0\t1\n".encode("utf-16"))).columns
     assert "q [°]" in read_columns(written(tmp_path, "b.txt", "t;q [°]\n0;1\n".encode("latin-1"))).columns
 

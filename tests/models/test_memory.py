@@ -23,19 +23,15 @@ def swinging(samples=5000):
     return Motion(t, q, dq, ddq, 0 * q, ("pivot",), np.ones(samples, bool), "swing")
 
 
-def test_a_motion_without_its_memory_is_refused():
+def test_a_motion_without_its_memory_or_with_another_is_refused():
     with pytest.raises(ModelError, match=r"the motion before \(Dahl, Drift\).*`Model.remembering`"):
         Regression(HYSTERETIC, (swinging(),))
     with pytest.raises(ModelError, match="no memory of it is given"):
         HYSTERETIC.torque(*np.zeros((3, 2, 1)), np.ones(5))
     with pytest.raises(ModelError, match=r"memory has shape \(2, 1\), expected \(2, 2\)"):
         HYSTERETIC.torque(*np.zeros((3, 2, 1)), np.ones(5), np.zeros((2, 1)))
-
-
-def test_a_memory_of_another_length_is_refused():
-    motion = swinging(50)
     with pytest.raises(InputError, match="memory has shape"):
-        replace(motion, memory=np.zeros((49, 1)))
+        replace(swinging(50), memory=np.zeros((49, 1)))
 
 
 def test_the_load_is_found_without_the_terms_that_need_it():

@@ -95,20 +95,18 @@ def test_names_are_read(name):
     assert (test_name.role, test_name.joint, test_name.number, test_name.unit, test_name.rank) == NAMES[name]
 
 
+ARM, LETTERS = ("ur_elbow_joint", "ur_wrist_1_joint", "ur_x_joint"), ("joint_1_s", "joint_6_t")
+
+
 @pytest.mark.parametrize(
-    ("column", "joint"),
-    [("elbow_pos", "ur_elbow_joint"), ("tau wrist_1", "ur_wrist_1_joint"), ("pos_1", None), ("x_force", None)],
-)
-def test_words_that_all_joints_share_may_be_missing(column, joint):
-    assert read_name(column, ("ur_elbow_joint", "ur_wrist_1_joint", "ur_x_joint")).joint == joint
-
-
-def test_axes_may_be_called_by_their_letters():
-    columns = ("S axis pulses", "T axis pulses", "Trq_T [%]", "t")
-    parsed = [read_name(column, ("joint_1_s", "joint_6_t")) for column in columns]
-    assert [(name.role, name.joint) for name in parsed] == [
-        ("position", "joint_1_s"), ("position", "joint_6_t"), ("torque", "joint_6_t"), ("time", None)
-    ]  # fmt: skip
+    ("column", "joints", "joint", "role"),
+    [("elbow_pos", ARM, "ur_elbow_joint", "position"), ("tau wrist_1", ARM, "ur_wrist_1_joint", "torque"),
+     ("pos_1", ARM, None, "position"), ("x_force", ARM, None, "torque"), ("t", LETTERS, None, "time"),
+     ("S axis pulses", LETTERS, "joint_1_s", "position"), ("Trq_T [%]", LETTERS, "joint_6_t", "torque")],
+)  # fmt: skip
+def test_words_that_all_joints_share_may_be_missing(column, joints, joint, role):
+    name = read_name(column, joints)
+    assert (name.joint, name.role) == (joint, role)
 
 
 @pytest.mark.parametrize(

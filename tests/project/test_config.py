@@ -11,12 +11,9 @@ from dynident.runtime import ConfigError, ModelError
 from tests.project.configurations import FULL, TWO
 
 
-def test_the_file_of_a_fleet_is_named_as_such():
+def test_a_file_of_a_fleet_is_named_as_such_and_a_missing_one_lists_its_neighbours(tmp_path):
     with pytest.raises(ConfigError, match=r"many.yaml: is the file of a fleet, for `dynident fleet`"):
         parse_config("recipe: robot.yaml\nlogs: logs/{robot}/{date}.csv\n", source="many.yaml")
-
-
-def test_a_missing_configuration_lists_its_neighbours(tmp_path):
     (tmp_path / "arm.yaml").write_text(FULL)
     with pytest.raises(ConfigError, match=r"no such file.*did you mean 'arm\.yaml'"):
         read_config(tmp_path / "amr.yaml")

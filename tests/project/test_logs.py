@@ -173,14 +173,11 @@ def test_bad_data_are_worded_with_file_line_and_column(tmp_path, text, spec, fra
     assert all(fragment in str(caught.value) for fragment in ("a.csv", *fragments)), caught.value
 
 
-def test_columns_of_different_lengths_are_refused(tmp_path):
+def test_columns_of_different_lengths_and_gaps_that_leave_nothing_are_refused(tmp_path):
     written(tmp_path, "a.npz", npz(t=np.arange(50), q=np.arange(50), tau=np.arange(49)))
     config = parse_config(HEAD + "train: [{file: a.npz}]", tmp_path)
     with pytest.raises(InputError, match="'t' has 50 rows, 'tau' has 49"):
         read_logs(config.train[0], config, ELBOW)
-
-
-def test_gaps_that_leave_nothing_are_refused(tmp_path):
     with pytest.raises(InputError, match="leave no piece long enough"):
         read(tmp_path, recording(t=lambda k: k * 0.01 + k // 20), "gaps: split")
 

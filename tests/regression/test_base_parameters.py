@@ -106,9 +106,6 @@ def test_wrong_shapes() -> None:
         result.to_base([1, 2, 3])
     with pytest.raises(ModelError, match=r"beta has shape \(1,\)"):
         result.to_standard([1])
-
-
-def test_factors_that_are_not_those_of_the_base_parameters() -> None:
     result = read(noise(3), columns("a", "b", "c"))
     other = triangularise(iter([RegressorBlock(noise(2)[:, None], np.zeros((50, 1)))]), 1, 2)
     with pytest.raises(ModelError, match=r"factors have shape \(3, 3\), expected \(4, 4\)\."):

@@ -50,12 +50,9 @@ def test_filtered_error_forgives_noise_above_the_cutoff_and_the_unfiltered_does_
     assert validation.errors.relative_error_filtered < 0.1 * validation.errors.relative_error
 
 
-def test_no_usable_sample() -> None:
+def test_what_cannot_be_judged_is_named() -> None:
     with pytest.raises(InputError, match="morning: no usable sample is left for validation"):
         validate(MODEL, THETA, motion([[1, 1]] * 3, [[1, 1]] * 3, [0, 0, 0]))
-
-
-def test_parameters_of_another_model() -> None:
     with pytest.raises(ModelError, match="theta"):
         validate(MODEL, (1.0, 2.0, 3.0), motion([[1, 1]] * 3, [[1, 1]] * 3))
 

@@ -137,13 +137,10 @@ def test_what_cannot_be_read_is_said(robot: Path, tmp_path: Path) -> None:
         ).space
 
 
-def test_a_period_that_nobody_gives_fits_the_duration(robot: Path) -> None:
+def test_a_period_that_nobody_gives_fits_the_duration_and_that_the_program(robot: Path) -> None:
     assert read_excitation(robot, None, {"duration": 3.0}).request.period == pytest.approx(1.8)
     assert read_excitation(robot).request.period == 5.0
     assert read_excitation(robot, None, {"duration": 3.0, "period": 2.5}).request.period == 2.5
-
-
-def test_a_program_of_one_joint_after_the_other_has_more_time_where_nobody_gives_it(robot: Path) -> None:
     durations = {name: read_excitation(robot, None, {"program": name}).request.duration for name in DURATIONS}
     assert durations == {"motion": 30.0, "friction": 60.0, "gravity": 30.0, "all": 150.0}
     assert read_excitation(robot, None, {"program": "all", "duration": 40.0}).request.duration == 40.0

@@ -92,12 +92,9 @@ def test_kinds_parts_and_settings_may_be_given() -> None:
     assert names(smoother_candidates(config(section), ["difference"]))[1:] == ["difference"]
 
 
-def test_a_kind_that_needs_settings_is_said() -> None:
+def test_kinds_that_cannot_be_compared_are_said() -> None:
     with pytest.raises(ConfigError, match="'time_shifted' needs settings; give them in the section `compare`"):
         smoother_candidates(config(), ["time_shifted"])
-
-
-def test_what_is_not_linear_cannot_be_made_consistent() -> None:
     with pytest.raises(ConfigError, match="'maximum_likelihood' is not linear in the parameters"):
         estimator_candidates(config(), BODIES, ["consistent+maximum_likelihood"])
     with pytest.raises(ConfigError, match=r"compare.estimators\[0\]"):

@@ -43,21 +43,14 @@ def improved(along: Along, slope: float, decrement: float) -> float | None:
 
 
 def test_a_step_ends_at_the_minimum_of_a_parabola() -> None:
-    along = Along(lambda x: (x - 4) ** 2)
-    assert improved(along, 8.0, 8.0) == 4.0
-    assert along.trials == [1.0, 4.0]
-
-
-def test_a_step_that_gains_what_is_expected_is_not_adjusted() -> None:
-    along = Along(lambda x: (x - 1) ** 2)
-    assert improved(along, 2.0, 2.0) == 1.0
-    assert along.trials == [1.0]
-
-
-def test_a_step_is_not_adjusted_to_beyond_the_edge_of_what_is_feasible() -> None:
-    along = Along(lambda x: -x, edge=3.0)
-    assert improved(along, 1.0, 1.0) == 1.0
-    assert along.trials == [1.0, newton.MAX_STEP_LENGTH]
+    """Unless it gains what is expected, or the minimum is beyond the edge of what is feasible."""
+    for along, slope, step, trials in (
+        (Along(lambda x: (x - 4) ** 2), 8.0, 4.0, [1.0, 4.0]),
+        (Along(lambda x: (x - 1) ** 2), 2.0, 1.0, [1.0]),
+        (Along(lambda x: -x, edge=3.0), 1.0, 1.0, [1.0, newton.MAX_STEP_LENGTH]),
+    ):
+        assert improved(along, slope, slope) == step
+        assert along.trials == trials
 
 
 def test_conjugate_steps_find_the_minimum_of_a_quadratic_in_as_many_as_it_has_unknowns() -> None:

@@ -75,15 +75,11 @@ def test_failed_integration_names_the_time_reached():
         simulate(rail, rail.values, lambda t: [1 / (0.2 - t) ** 3], T, max_evaluations=900)
 
 
-def test_unstable_parameters_are_reported():
+@pytest.mark.parametrize(("mass", "words"), [(-0.002, "slider"), (0.0, "mass matrix is singular")])
+def test_impossible_masses_are_reported(mass, words):
     """A negative mass runs away exponentially, until its numbers overflow."""
-    with pytest.raises(ModelError, match=r"slider"):
-        simulate(slider(1e-3), [-0.002, 8.0, 3.0, 0.5], lambda t: [1.0], T, max_evaluations=900)
-
-
-def test_massless_model():
-    with pytest.raises(ModelError, match="mass matrix is singular"):
-        simulate(slider(1e-3), [0.0, 8.0, 3.0, 0.5], lambda t: [1.0], T)
+    with pytest.raises(ModelError, match=words):
+        simulate(slider(1e-3), [mass, 8.0, 3.0, 0.5], lambda t: [1.0], T, max_evaluations=900)
 
 
 @pytest.mark.parametrize(

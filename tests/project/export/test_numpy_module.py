@@ -49,16 +49,13 @@ def test_a_wrong_formula_is_not_proven():
         is_the_same_in_numpy(term)
 
 
-def test_a_term_of_unknown_formula_is_refused():
+def test_a_term_of_unknown_formula_or_function_is_refused():
     class Mine(Viscous):
         def shapes(self, q, dq, ddq):
             return dq**3
 
     with pytest.raises(ModelError, match=r"model\.py cannot hold the term Mine"):
         identified_module(IdentifiedModel(Model((Mine((Joint("a"),)),)), np.ones(1)))
-
-
-def test_a_function_that_numpy_lacks_is_refused():
     q, dq, m = sp.symbols("q dq m")
     term = Lagrangian((Joint("a"),), (q,), (dq,), m * dq**2 / 2, m * sp.besselj(0, q), (Unknown(m, "kg"),))
     with pytest.raises(ModelError, match="NumPy has no function"):

@@ -120,7 +120,7 @@ def test_a_batch_that_the_executor_loses_is_tried_job_by_job() -> None:
     assert [x.value for job, x in sorted(done.items()) if job != 77] == [job for job in range(200) if job != 77]
 
 
-def test_where_no_batch_runs_that_is_said() -> None:
+def test_where_no_batch_runs_or_the_executor_gives_up_that_is_said() -> None:
     def refuse(given: Batch) -> None:
         raise ModuleNotFoundError("No module named 'dynident'")
 
@@ -129,8 +129,6 @@ def test_where_no_batch_runs_that_is_said() -> None:
         list(run_jobs(abs, range(1000), executor))
     assert len(executor.batches) < 100
 
-
-def test_an_executor_that_gives_up() -> None:
     def cancel(given: Batch) -> None:
         raise CancelledError
 

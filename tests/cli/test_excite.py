@@ -129,6 +129,9 @@ def test_recordings_of_it_are_checked_and_identified_and_tell_what_was_announced
     draft = (designed / "next" / "identify.yaml").read_text()
     assert "motion_recorded.csv" in draft
     assert "motion_recorded_2.csv" in draft
+    robot = (designed / "two.urdf").rename(designed / "away.urdf")
+    refuse("excite", designed / "result" / "result.json", "-o", designed / "x", *QUICK, says="is no longer there")
+    robot.rename(designed / "two.urdf")
 
 
 def test_a_configuration_changed_by_hand_is_not_replaced(designed: Path, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from shutil import copy
 
 import polars as pl
 import pytest
@@ -73,7 +74,9 @@ def test_what_is_wrong_is_said(folder: Path) -> None:
     for arguments, said in (
         ((result, log, "--frame", "hand"), "'hand' is no link"),
         ((result, folder / "arm.csv"), "arm.csv: the result was made from it"),
-        ((result, log, "--unloaded", log), "as a recording with the payload and as one without"),
+        ((result, copy(folder / "arm.csv", folder / "moved.csv")), "moved.csv: the result was made from it"),
+        ((result, result), "arm.csv: both results were made from it"),
+        ((result, log, "--unloaded", log), "holds the same samples as 'next'"),
         ((result, log, "--out", folder / "out"), "is the report of another command"),
         ((result, folder / "weighed.csv", "--known-mass", "300"), "a payload of 300 kg leaves"),
         ((folder / "old.json", log), "old.json: does not hold the covariance of its base parameters"),

@@ -38,7 +38,7 @@ from dynident.project.config import config_text, load_model, nominal_values, rep
 from dynident.project.project import parse_project
 from dynident.project.saved import load
 from dynident.project.settings import RobotSettings, robot_settings
-from dynident.runtime import ConfigError, InputError, Noun, report_progress
+from dynident.runtime import ConfigError, InputError, ModelError, Noun, report_progress
 
 Robot = RobotSettings | str
 CONFIGS = (".yaml", ".yml")
@@ -139,6 +139,11 @@ def read_excitation(
     identification = load(path, allow_code=allow_code) if kind == ".json" else None
     config = SourceFile(str(path), text=config_text(path)) if kind in CONFIGS else None
     config = identification.provenance.configuration if identification else config
+    source = identification.provenance.model if identification else None
+    if source is not None and not os.path.exists(source.path):
+        raise ModelError(
+            f"{source.path}: the robot file of the result is no longer there; move it back, or give a robot file."
+        )
     motion_settings = _motion_settings(config, settings, changes, defaults or {})
     robot = _robot_settings_of(path, identification, config)
     remember_inputs(path)

@@ -19,7 +19,7 @@ from dynident.files.tables import recording_parts
 from dynident.identification import Identification, Sources
 from dynident.models import RigidBodies
 from dynident.motion.log import Log
-from dynident.project.config import parse_config
+from dynident.project.config import fingerprint, parse_config
 from dynident.project.export import (
     IdentifiedModel,
     check_payload_link,
@@ -72,7 +72,7 @@ def payload_logs(
         for file in files:
             remember_inputs(file)
         # a log that the result was fitted to is not independent of it
-        if all(str(real_path(Path(file))) in fitted_files for file in files):
+        if all(not fitted_files.isdisjoint(_identities(Path(file))) for file in files):
             if not new:
                 raise InputError(f"{text}: the result was made from it; name a recording that differs by the payload.")
             notes.append(SameRecording(text))
@@ -87,8 +87,13 @@ def payload_logs(
     return logs, tuple(notes), tuple(warnings)
 
 
+def _identities(file: Path) -> tuple[str, ...]:
+    """Return the path of a file and, where it is one, its SHA-256, by which it is known where it was moved."""
+    return str(real_path(file)), *([fingerprint(file)] if file.is_file() else [])
+
+
 def _training_files(identification: Identification, allow_code: bool) -> set[str]:
-    """Return the files of the recordings that a result was fitted to; not those that were held out."""
+    """Return path and SHA-256 of the recordings that a result was fitted to; not those that were held out."""
     configuration = identification.provenance.configuration
     if configuration is None:
         return set()
@@ -98,7 +103,7 @@ def _training_files(identification: Identification, allow_code: bool) -> set[str
     for path in (path for spec in config.train for path in spec.file.values()):
         with suppress(InputError):  # recordings that are no longer there
             files |= {str(real_path(file)) for file in recording_parts(path)}
-    return files
+    return files | {file.sha256 for file in identification.provenance.logs if file.path in files and file.sha256}
 
 
 def _unused_name(name: str, logs: Mapping[str, Log]) -> str:

@@ -141,9 +141,7 @@ def read_excitation(
     config = identification.provenance.configuration if identification else config
     source = identification.provenance.model if identification else None
     if source is not None and not os.path.exists(source.path):
-        raise ModelError(
-            f"{source.path}: the robot file of the result is no longer there; move it back, or give a robot file."
-        )
+        raise ModelError(f"{source.path}: the robot file of the result is gone; move it back, or give a robot file.")
     motion_settings = _motion_settings(config, settings, changes, defaults or {})
     robot = _robot_settings_of(path, identification, config)
     remember_inputs(path)

@@ -131,14 +131,12 @@ def sampling_step(table: DataTable, position: Match) -> float:
 
 
 def _in_joint_order(names: Sequence[str], joints: Sequence[MovableJoint]) -> list[str]:
-    """Return names of columns, those of one quantity in the order of the joints that they name."""
-    order, ordered = {joint.name: k for k, joint in enumerate(joints)}, list(names)
+    """Return names of columns, those of one quantity side by side in the order of the joints that they name."""
+    order = {joint.name: k for k, joint in enumerate(joints)}
     parsed = [read_name(name, order) for name in names]
-    for family in {name.family for name in parsed if name.joint}:
-        places = [k for k, name in enumerate(parsed) if name.joint and name.family == family]
-        for k, place in zip(places, sorted(places, key=lambda at: order[parsed[at].joint or ""]), strict=True):
-            ordered[k] = names[place]
-    return ordered
+    groups = [name.family if name.joint else k for k, name in enumerate(parsed)]
+    keys = [(groups.index(group), order.get(name.joint or "", 0)) for group, name in zip(groups, parsed, strict=True)]
+    return [names[k] for k in sorted(range(len(names)), key=keys.__getitem__)]
 
 
 def _named_order(table: DataTable, joints: Sequence[MovableJoint]) -> Sequence[MovableJoint]:

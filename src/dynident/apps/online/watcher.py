@@ -39,8 +39,7 @@ EMPTY_SPAN = (math.nan, math.nan, 0)  # first and last time (s) and samples of a
 MAX_TIME, MIN_STEP = 1e11, 1e-6  # s: stamps are within, and further apart
 GAP_STEP_GROWTH = 1.1  # of the usual step at a gap: after many in a row it was another
 SAVED = (  # attributes of a watcher that are its state, beside its parts
-    "smoothing", "known", "gram", "span", "waiting", "deaf", "moved", "refused", "refusals", "last", "step", "back",
-    "replay",
+    "smoothing", "known", "gram", "span", "waiting", "deaf", "moved", "refused", "last", "step", "back", "replay",
 )  # fmt: skip
 MAX_REFUSALS = 3  # times that samples are unreadable for another reason, which are said; of more every tenth power
 FILTER_MARGIN = 0.5  # s beside a torque that cannot be used, by filters
@@ -105,7 +104,7 @@ class Watcher:
         self._waiting = tuple[WaitingBlock, ...]()  # complete blocks of which a sensor may still be doubted
         self._deaf = dict[str, tuple[float, float]]()  # by joint the times (s) of torques that cannot be used
         self._moved = math.nan  # when it moved last, infinite once it was said that it does not
-        self._refused, self._refusals = "", 0  # why samples were unreadable, and how many times
+        self._refused = "", 0  # why samples were unreadable, and how many times
         self._last, self._step, self._back, self._replay = math.nan, math.nan, 0, False
 
     @property
@@ -305,9 +304,10 @@ class Watcher:
         # no joint moves yet, or the log cannot be smoothed: say why once, and wait for more
         except (ConfigError, InputError, np.linalg.LinAlgError) as error:
             (t, *_), self._estimation = self._take_held(count), None
-            last_reason, self._refused, self._refusals = self._refused, str(error), self._refusals + 1
-            is_said = self._refusals <= MAX_REFUSALS or str(self._refusals).strip("0") == "1"
-            return [Unreadable(float(t[-1]), len(t), str(error))] if is_said and last_reason != str(error) else []
+            last_reason, count = self._refused[0], self._refused[1] + 1
+            self._refused = str(error), count
+            is_said = last_reason != str(error) and (count <= MAX_REFUSALS or str(count).strip("0") == "1")
+            return [Unreadable(float(t[-1]), len(t), str(error))] if is_said else []
         return []
 
     @property

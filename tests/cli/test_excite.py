@@ -146,14 +146,8 @@ def test_a_configuration_changed_by_hand_is_not_replaced(designed: Path, tmp_pat
         (tmp_path / name).write_text("mine: 1\n")
         refuse("excite", designed / "two.urdf", "-o", tmp_path, *QUICK, says="was written or changed by hand")
         assert (tmp_path / name).read_text() == "mine: 1\n"
-    refuse(
-        "excite",
-        designed / "out" / "identify.yaml",
-        "-o",
-        designed / "out",
-        *QUICK,
-        says="would be replaced, but this run reads it",
-    )
+    out = designed / "out"
+    refuse("excite", out / "identify.yaml", "-o", out, *QUICK, says="would be replaced, but this run reads it")
 
 
 def test_what_an_earlier_run_wrote_is_replaced_until_it_is_changed(designed: Path, tmp_path: Path) -> None:

@@ -157,22 +157,11 @@ class TestExport:
         done = succeed("export", arm / "result.json", "--format", "urdf", "--out", arm / "again")
         assert "Pinocchio is not installed" in done.output
 
-    def test_what_cannot_be_written_is_said(self, slider: Path) -> None:
-        refuse(
-            "export",
-            slider,
-            "--format",
-            "urdf",
-            "--out",
-            slider.parent / "x.urdf",
-            says="does not come from a robot file",
-        )
+    def test_what_cannot_be_written_and_an_unknown_format_are_said(self, slider: Path) -> None:
+        words = ("export", slider, "--out", slider.parent / "x.urdf", "--format")
+        refuse(*words, "urdf", says="does not come from a robot file")
         assert not (slider.parent / "x.urdf").exists()
-
-    def test_an_unknown_format_is_said(self, slider: Path) -> None:
-        refuse(
-            "export", slider, "--format", "udrf", "--out", slider.parent / "x.urdf", says="did you mean 'urdf'", code=2
-        )
+        refuse(*words, "udrf", says="did you mean 'urdf'", code=2)
 
 
 @pytest.mark.parametrize(

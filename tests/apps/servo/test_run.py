@@ -45,6 +45,7 @@ def test_the_demo_drafts_identifies_and_compares_with_the_truth(demo_output, fol
     assert (numbers["warnings"], numbers["backlash"]) == ([], [])
     rows = {(row["joint"], row["quantity"]): row for row in numbers["parameters"]}
     assert rows[None, "delay"]["value"] == pytest.approx(TRUE_DELAY, abs=5e-4)
+    assert rows[None, "delay"]["file"] is None  # which a robot file does not say
     for k, joint in enumerate(numbers["joints"]):
         assert rows[joint, "armature"]["value"] == pytest.approx(TRUE_VALUES["armature"][k], rel=0.02)
         assert rows[joint, "damping"]["low"] < rows[joint, "damping"]["high"]

@@ -12,7 +12,6 @@ from dynident.apps.servo.judge import ServoRollout, ServoUse
 from dynident.apps.servo.predict import ServoPrediction
 from dynident.apps.servo.result import NOT_JUDGED, ServoIdentification, entry_name
 from dynident.apps.servo.run import fit_servos
-from dynident.apps.servo.values import Quantity
 from dynident.files.folder import ResultFolder, refuse_other_report, result_folder
 from dynident.files.opener import refuse_inputs
 from dynident.files.results import as_path, json_text
@@ -49,10 +48,8 @@ def parameter_table(result: ServoIdentification) -> PageTable:
     """Return the fitted values with their standard errors, beside those of the file."""
     names, rows = [joint.name for joint in result.joints], []
     for entry, value, std, nominal in result.rows():
-        unit = result.unit(entry)
-        # of a delay, and of a kp that equals what was found, the file says nothing
-        before = "" if entry.quantity is Quantity.DELAY or nominal == value else number(nominal, 4)
-        rows.append((entry_name(entry, names), number(value, 4), number(std, 2), before, unit))
+        texts = number(value, 4), number(std, 2), number(nominal, 4), result.unit(entry)
+        rows.append((entry_name(entry, names), *texts))
     title = "Values by which the simulated positions are nearest to the measured ones"
     return PageTable.of(("parameter",), ("value", "std. error", "file", UNIT), rows, title)
 

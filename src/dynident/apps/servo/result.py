@@ -57,13 +57,16 @@ class ServoIdentification(Noun):
         use = verdict_of(self.rollouts)
         return ServoUse.CARE if self.backlash and use is ServoUse.GOOD else use
 
-    def rows(self) -> Iterator[tuple[Entry, float, float, float]]:
-        """Yield each fitted entry, joint by joint, with its value, standard error, and the file's value."""
+    def rows(self) -> Iterator[tuple[Entry, float, float, float | None]]:
+        """Yield each fitted entry, joint by joint, with its value, standard error, and what the file says, if it does."""
         fit = self.fit
         stds = dict(zip(fit.entries, fit.std, strict=True))
         order = list(Quantity)
         for entry in sorted(fit.entries, key=lambda e: (e.quantity is Quantity.DELAY, e.k, order.index(e.quantity))):
-            yield entry, fit.values.entry(entry), float(stds[entry]), self.nominal.entry(entry)
+            value, nominal = fit.values.entry(entry), self.nominal.entry(entry)
+            # of a delay, and of a kp that equals what was found, the file says nothing
+            is_said = entry.quantity is not Quantity.DELAY and nominal != value
+            yield entry, value, float(stds[entry]), nominal if is_said else None
 
     def unit(self, entry: Entry) -> str:
         """Return the unit of an entry, "" for a factor."""

@@ -280,6 +280,7 @@ def _other_arm_message(log: LoadedLog, request: PayloadRequest) -> str:
     known_mass = request.known_mass
     payload_words = "any payload" if known_mass is None else f"a payload of {known_mass:g} kg"
     cause = "" if known_mass is None else "the known mass is another (leave it out to see which), "
+    cause += "" if request.frame is None else f"another link than {request.frame!r} carries it, "
     return (
         f"{log.name}: the arm of the result with {payload_words} leaves {log.with_payload:.3g} % of the torque, and a "
         f"fit to this recording alone {log.free:.3g} %: {cause}it is of another arm, or its columns, units or gains "

@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 def as_numbers(value: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
     """Return an array of numbers, nan where a mask hides one; InputError for texts, dates and complex numbers."""
     try:
-        array = value.astype(float).filled(np.nan) if isinstance(value, np.ma.MaskedArray) else np.asarray(value)
+        array = np.ma.filled(value.astype(float), np.nan) if isinstance(value, np.ma.MaskedArray) else np.asarray(value)
         if array.dtype.kind not in "cmM":
             return np.asarray(array, dtype=dtype)
     except (TypeError, ValueError) as error:

@@ -58,7 +58,7 @@ class ServoIdentification(Noun):
         return ServoUse.CARE if self.backlash and use is ServoUse.GOOD else use
 
     def rows(self) -> Iterator[tuple[Entry, float, float, float | None]]:
-        """Yield each entry of the fit, joint by joint, with its value, standard error and what the file says, else None."""
+        """Yield each entry of the fit, joint by joint, with value, standard error, and the value of the file, if any."""
         fit = self.fit
         stds = dict(zip(fit.entries, fit.std, strict=True))
         order = list(Quantity)

@@ -58,7 +58,7 @@ class ServoIdentification(Noun):
         return ServoUse.CARE if self.backlash and use is ServoUse.GOOD else use
 
     def rows(self) -> Iterator[tuple[Entry, float, float, float | None]]:
-        """Yield each entry of the fit, joint by joint, with value, standard error, and the value of the file, if any."""
+        """Yield each entry of the fit, joint by joint, with value, standard error and the value of the file."""
         fit = self.fit
         stds = dict(zip(fit.entries, fit.std, strict=True))
         order = list(Quantity)

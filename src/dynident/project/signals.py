@@ -262,7 +262,7 @@ def order_hint(column: Array) -> str:
         if column.max() < 2**bits and abs(back + usual - 2**bits) <= _MAX_DISORDER * usual:
             return f"the counter of {bits} bits starts anew: add 2^{bits} to the rows from there on, or give the `rate`"
     if back <= _MAX_DISORDER * usual:
-        return "sort the rows by time and keep the first of equal stamps (`close_stamps: drop`)"
+        return "sort the rows, and keep the first of equal stamps (`close_stamps: drop`); if rounded, give the `rate`"
     return "the clock was set back there, or another recording begins: write the rows before and after to two logs"
 
 

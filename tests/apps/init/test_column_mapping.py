@@ -209,6 +209,18 @@ def test_stamps_that_increase_are_preferred():
         assert "is there a better column?" in map_columns(table(time=times, **signals()), NUMBERED).time.question
 
 
+def test_rows_that_are_evenly_apart_have_a_rate_where_their_stamps_are_rounded_or_late():
+    t, rng = np.arange(4000) * 0.004, np.random.default_rng(0)
+    late = np.maximum.accumulate(t + 0.06 * (rng.random(len(t)) < 0.02)) + 1e-7 * np.arange(len(t))
+    columns = {name: np.sin(2 * t + k) for k, name in enumerate(("q1", "q2", "tau1", "tau2"))}
+    for stamps in (np.floor(100 * t) / 100, np.round(100 * t) / 100, late):
+        time = map_columns(table(time=stamps, **columns), NUMBERED).time
+        assert (time.column, time.step) == (None, pytest.approx(0.004, rel=1e-3))
+        assert "is this the sampling rate?" in time.question
+    for stamps in (t + (t > 8), np.delete(np.append(t, 16 + 0.004 * np.arange(200)), np.s_[500:700]), np.floor(t)):
+        assert map_columns(table(time=stamps, **columns), NUMBERED).time.column == "time"  # a pause, lost rows, seconds
+
+
 def test_rows_of_single_joints_are_named():
     """The long format: one row for each joint and time."""
     columns = {name: np.repeat(wave(1.0), 2) for name in ("position", "effort")}

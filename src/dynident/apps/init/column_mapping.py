@@ -20,7 +20,7 @@ from dynident.apps.init.match import (
 )
 from dynident.apps.init.servo_draft import command_columns
 from dynident.apps.init.shape_match import match_by_shape, match_torque_by_shape, sampling_step
-from dynident.apps.init.stamps import TimeColumn, finite_values, has_gaps, time_column
+from dynident.apps.init.stamps import TimeColumn, even_time, finite_values, has_gaps, time_column
 from dynident.files.tables import DataTable
 from dynident.identification import held_joints
 from dynident.project.columns import ColumnFamily, families, read_name, stated_unit
@@ -132,7 +132,8 @@ def map_columns(
     identified_joints = [joint for joint in usable if joint.name in names]
     rows = match_length(table, position or torque)
     time = time_column(table, column_families, rows, ros, nameless=nameless)
-    if time.column is None and position:
+    time = even_time(table, time, position.columns.values()) if position else time
+    if time.column is None and not time.step > 0 and position:
         time = replace(time, step=sampling_step(table, position))
     commands = command_columns(table, usable, position) if torque is None else {}
     torques = _torque_channels(table, identified_joints, torque, ros)

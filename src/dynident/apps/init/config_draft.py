@@ -241,7 +241,7 @@ def _write_time(page: _Page, mapping: ColumnMapping) -> None:
     time = mapping.time
     if time.column is None and time.step > 0:
         rate = f"{1 / time.step:.4g}"
-        page.line(f"time: {{ rate: {rate} }}", "time", _RATE_QUESTION.format(rate))
+        page.line(f"time: {{ rate: {rate} }}", "time", time.question or _RATE_QUESTION.format(rate))
         return
     if time.column is None:
         page.request_entry(

@@ -22,6 +22,8 @@ _LONG_FORMAT_QUESTION = (
     "most rows have the time of the row before: is there a better column? If each row is of another joint, write one "
     "row for each time instead, with a column for each joint and quantity"
 )
+_CLOCK_PARTS, _MAX_DRIFT = 20, 1.0  # of a recording whose rows are evenly apart; steps that their stamps may drift by
+_MAX_ROUNDING = 1e-3  # of the length of a recording: stamps that are rounded more tell no rate
 _GAP_RATIO = 12  # times the median step, as in the reading of logs
 
 
@@ -139,6 +141,30 @@ def _median_step(column: Array) -> float:
     """Return the median step, nan where there is none."""
     steps = np.diff(finite_values(column))
     return float(np.median(steps)) if len(steps) else math.nan
+
+
+def even_time(table: DataTable, time: TimeColumn, positions: Iterable[str]) -> TimeColumn:
+    """Return the time without its column where rows are evenly apart, but their stamps are not: rounded, or late.
+
+    Rows of equal stamps count where one of the ``positions`` moves from one to the next; others are written twice.
+    """
+    column = table.columns.get(time.column or "", np.empty(0))
+    steps = np.diff(finite_values(column))
+    if not _MIN_CLOCK_SAMPLES <= len(steps) == len(column) - 1 or (steps < 0).any() or not steps.any():
+        return time
+    is_moved = (steps == 0) & np.any([np.diff(table.columns[name]) != 0 for name in positions], axis=0)
+    is_late = 0 < _GAP_RATIO * np.median(steps) < steps.max()
+    # the earliest stamps of all parts lie on a line, unless rows were lost or the recording paused
+    lateness = column - np.arange(len(column)) * steps.mean()
+    parts = np.array_split(np.arange(len(column)), _CLOCK_PARTS)
+    places = np.array([part[lateness[part].argmin()] for part in parts])
+    step, start = np.polyfit(places, column[places] - column[0], 1)
+    is_even = float(np.ptp(column[places] - start - step * places)) < _MAX_DRIFT * step
+    is_fine = steps[steps > 0].min() < _MAX_ROUNDING * np.ptp(column)
+    if not (is_even and is_fine and (is_late or is_moved.any())):
+        return time
+    question = f"the stamps of {time.column!r} are rounded or late, its rows evenly apart: is this the sampling rate?"
+    return TimeColumn(None, step=float(step) * unit_factor(time.unit, "time", ""), question=question)
 
 
 def has_gaps(table: DataTable, time: TimeColumn) -> bool:

@@ -100,14 +100,11 @@ def test_a_joint_without_position_is_not_in_the_log_and_its_torque_is_not_used()
     assert (list(draft.lock), draft.unused) == (["X"], ("X_Moment_%",))
 
 
-def test_lengths_are_no_positions_of_turning_joints() -> None:
+def test_lengths_are_positions_of_slides_alone_in_mm_beyond_their_limits() -> None:
     gaps = {f"gap{k}_mm": wave(9.0, k) for k in (1, 2)}
     mapping = map_columns(table(**gaps, **signals()), NUMBERED)
     assert chosen(mapping) == ["q1", "q2", "tau1", "tau2"]
     assert not any(channel.question for channel in mapping.position.values())
-
-
-def test_a_slide_beyond_its_limits_is_drafted_in_mm() -> None:
     scara = (*ARM, MovableJoint("quill", "prismatic", RobotJointLimits(lower=-0.1, upper=0.1)))
     mapping = map_columns(table(**signals(("q1", "q2"), ("tau1", "tau2")), q3=wave(80.0), tau3=wave(20.0)), scara)
     assert (mapping.position["quill"].column, mapping.position["quill"].unit) == ("q3", "mm")
@@ -193,14 +190,6 @@ def test_stamps_since_1970_tell_their_unit(factor, unit, step):
     assert time.step == pytest.approx(step, rel=0.01)
 
 
-def test_positions_of_motors_are_asked_about():
-    geared = map_columns(table(**signals(("pos_rev_1", "pos_rev_2"), size=16.0)), NUMBERED)
-    assert "transmission" in geared.position["arm_joint1"].question
-    other_zero = {f"pos_rad_{k}": 5.0 + wave(1.0) for k in (1, 2)}
-    mapping = map_columns(table(**signals((), ("tau1", "tau2")), **other_zero), NUMBERED)
-    assert mapping.position["arm_joint1"].question == ""
-
-
 def test_stamps_that_increase_are_preferred():
     mapping = map_columns(table(**{"header.stamp.sec": np.floor(T), "clock": T + 5}, time=None, **signals()), NUMBERED)
     assert mapping.time.column == "clock"
@@ -230,13 +219,18 @@ def test_rows_of_single_joints_are_named():
     assert not mapping.gaps
 
 
-def test_columns_of_joints_are_better_than_those_of_motors():
+def test_columns_of_joints_are_better_than_those_of_motors_which_are_asked_about():
     pairs = [(f"motor_pos_{k}", f"link_pos_{k}", f"motor_torque_{k}", f"joint_torque_{k}") for k in (1, 2)]
     mapping = map_columns(table(**{name: wave(1.0) for pair in pairs for name in pair}), NUMBERED)
     assert chosen(mapping) == ["link_pos_1", "link_pos_2", "joint_torque_1", "joint_torque_2"]
     assert mapping.position["arm_joint1"].question == ""
     motors = map_columns(table(**signals(torque=("motor1 torque [Nm]", "motor2 torque [Nm]"))), NUMBERED).torque
     assert all("before the gear" in channel.question for channel in motors.values())
+    geared = map_columns(table(**signals(("pos_rev_1", "pos_rev_2"), size=16.0)), NUMBERED)
+    assert "transmission" in geared.position["arm_joint1"].question
+    other_zero = {f"pos_rad_{k}": 5.0 + wave(1.0) for k in (1, 2)}
+    mapping = map_columns(table(**signals((), ("tau1", "tau2")), **other_zero), NUMBERED)
+    assert mapping.position["arm_joint1"].question == ""
 
 
 def test_signals_with_a_clock_of_their_own_have_the_time():
@@ -390,13 +384,8 @@ def test_commands_are_found_by_name(commands: str, positions: tuple[str, str]) -
     result = command_columns(table, JOINTS, match)
     assert set(result.values()) == set(commands.split())
     assert list(result) == (["lift", "pan"] if commands.startswith("goalLift") else ["pan", "lift"])
-
-
-def test_commands_of_some_joints_are_no_servo_log() -> None:
-    table = DataTable({name: np.arange(5.0) for name in ("pos_pan", "pos_lift", "cmd_pan")}, {}, "log")
-    match = Match(ColumnFamily("position", 0, {}), {"pan": "pos_pan", "lift": "pos_lift"}, "")
-    assert command_columns(table, JOINTS, match) == {}
-    assert command_columns(table, JOINTS, None) == {}
+    few = DataTable({name: np.arange(5.0) for name in (*positions, commands.split()[0])}, {}, "log")
+    assert command_columns(few, JOINTS, match) == command_columns(table, JOINTS, None) == {}  # no servo log
 
 
 def test_servos_are_those_of_the_actuators(tmp_path) -> None:

@@ -144,7 +144,7 @@ class TestIdentify:
 
     def test_a_file_cannot_be_predicted_before_it_is_read(self) -> None:
         result = dy.identify("gallery:slider", sliding(), recipe=dy.Recipe(dy.Difference()))
-        with pytest.raises(InputError, match="a str is given, not a Log; read a file with `read_log`"):
+        with pytest.raises(InputError, match="a str is given; give q, dq, ddq, or a Log, as of `read_log`"):
             result.predict("monday.csv")  # type: ignore[arg-type]
 
     def test_a_recording_of_a_simulation_is_asked_for_its_log(self) -> None:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from dynident._version import __version__
+from dynident._version import __version__, package_version
 from dynident.cli.command_log import command_log
 from dynident.files.opener import remember_inputs, set_memory
 from dynident.runtime.kernel import kernel
@@ -208,8 +208,6 @@ def version_text() -> str:
 
     Raises ConfigError, as ``kernel``.
     """
-    from dynident.runtime.jobs.cluster import package_version
-
     dynident_version = f"dynident {__version__}" + (f", commit {revision}" if (revision := commit()) else "")
     python = f"{platform.python_implementation()} {platform.python_version()}, {platform.platform()}"
     packages = ", ".join(f"{name} {package_version(name)}" for name in PACKAGES)

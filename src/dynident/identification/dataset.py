@@ -21,6 +21,7 @@ from dynident.runtime import (
     Noun,
     Severity,
     Step,
+    check_type,
     join_names,
     percent,
     report_progress,
@@ -227,10 +228,7 @@ def logs_by_name(logs: Any, argument: str) -> dict[str, Log]:
     if isinstance(logs, str | Path):
         raise InputError(f"{argument}: {str(logs)!r} is a file; read it with `read_log`, which asks for its columns.")
     several = (logs,) if isinstance(logs, Log) else logs
-    if not isinstance(several, Iterable):
-        raise InputError(
-            f"{argument}: a {type(logs).__name__} is given; give a Log, logs by name, or a sequence of them."
-        )
+    check_type(argument, several, Iterable, "give a Log, logs by name, or a sequence of them")
     pairs = (
         list(several.items())
         if isinstance(several, Mapping)

@@ -6,33 +6,20 @@ import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dynident._version import __version__
+from dynident._version import __version__, package_version
 from dynident.estimators import Estimate, Provenance
 from dynident.identification.calibration import Calibration
 from dynident.identification.recipe import Recipe
 from dynident.models import MassMatrixCheck, Model, motion_memory
 from dynident.motion.log import Log, Motion
 from dynident.regression import BaseParameters, UnexcitedParameters
-from dynident.runtime import (
-    OMITTED,
-    Axes,
-    Finding,
-    InputError,
-    KeepsFacts,
-    Messages,
-    Note,
-    Noun,
-    brief,
-    check_type,
-    choices,
-)
+from dynident.runtime import OMITTED, Axes, Finding, InputError, KeepsFacts, Messages, Note, Noun, brief, choices
 from dynident.runtime.arrays import Array
 from dynident.runtime.families import action
 from dynident.runtime.kernel import kernel
@@ -241,7 +228,8 @@ class Identification(KeepsFacts):
             dq, ddq, *times = states
             memory = motion_memory(self.model, *map(np.asarray, (times[0], log, dq, ddq))) if times else None
             return self.model.torque(log, dq, ddq, self.estimate.value, memory)
-        check_type("predict", log, Log, "give q, dq and ddq, or a Log, as `read_log` reads it from a file")
+        if not isinstance(log, Log):
+            raise InputError(f"predict: a {type(log).__name__} is given; give q, dq, ddq, or a Log, as of `read_log`.")
         joints = tuple(joint.name for joint in self.model.joints)
         return validate(self.model, self.estimate.value, self.recipe.motion(log.select(joints)))
 
@@ -260,10 +248,6 @@ def versions() -> dict[str, str]:
 
     Raises ConfigError, as ``dynident.runtime.kernel.kernel``.
     """
-    version_by_name = {"dynident": __version__, "kernel": str(kernel()), "python": platform.python_version()}
-    for name in ("numpy", "scipy", "clarabel", "polars"):
-        try:
-            version_by_name[name] = version(name)
-        except PackageNotFoundError:  # it may come from elsewhere
-            version_by_name[name] = "not installed as a package"
-    return {**version_by_name, "platform": platform.platform()}
+    computing = {"dynident": __version__, "kernel": str(kernel()), "python": platform.python_version()}
+    packages = {name: package_version(name) for name in ("numpy", "scipy", "clarabel", "polars")}
+    return {**computing, **packages, "platform": platform.platform()}

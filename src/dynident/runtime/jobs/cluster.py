@@ -12,11 +12,10 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache, partial
 from hashlib import sha256
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from dynident._version import __version__
+from dynident._version import __version__, package_version
 from dynident.runtime.errors import InputError, install_command, join_names
 from dynident.runtime.jobs.workers import assign_process
 from dynident.runtime.kernel import kernel
@@ -69,7 +68,7 @@ def code_version() -> str:
 
     All levels of the kernel give the same numbers, NumPy others by rounding.
     """
-    return f"{metadata.version('dynident')}+{code_digest()}.{'kernel' if kernel().level else 'numpy'}"
+    return f"{package_version('dynident')}+{code_digest()}.{'kernel' if kernel().level else 'numpy'}"
 
 
 def code_digest() -> str:
@@ -82,14 +81,6 @@ def code_digest() -> str:
         content = path.read_bytes().replace(b"\r\n", b"\n")
         digest.update(f"{path.relative_to(PACKAGE_FOLDER).as_posix()} {len(content)}\n".encode() + content)
     return digest.hexdigest()[:12]
-
-
-def package_version(name: str) -> str:
-    """Return the version of a package, or that it is not installed."""
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return "not installed"
 
 
 @contextmanager

@@ -78,7 +78,8 @@ def common_structure(models: Sequence[Model]) -> Structure:
     for same_terms in zip(*terms, strict=True):
         part = slice(start, start := start + len(same_terms[0].parameters))
         # only terms that compute single entries gain by fewer of them, and only where several columns act on a joint
-        if all(map(is_selective, same_terms)) and (support[:, part].sum(axis=1) > 1).any():
+        is_selective = all(term.has_own("entries") and term.has_own("support") for term in same_terms)
+        if is_selective and (support[:, part].sum(axis=1) > 1).any():
             _reduce_columns(same_terms, support[:, part], keep[:, part], [array[part, part] for array in maps])
     columns = tuple(np.flatnonzero(array) for array in keep)
     return Structure(columns, tuple(array[selected] for array, selected in zip(maps, columns, strict=True)))
@@ -158,8 +159,3 @@ def term_support(term: Term) -> NDArray[np.bool_]:
             f"{type(term).__name__}: support has shape {support.shape}, expected booleans of shape {shape}."
         )
     return support
-
-
-def is_selective(term: Term) -> bool:
-    """Return whether a term computes chosen entries of the regressor that it has."""
-    return term.has_own("entries") and term.has_own("support")

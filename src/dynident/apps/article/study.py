@@ -61,11 +61,6 @@ def study_table(path: str | Path | None, *, rerun: bool = False) -> Iterator[Row
         yield rows
 
 
-def key_type() -> dict[str, Any]:
-    """Return the types of the columns that identify a fit."""
-    return {name: kind for name, kind in _schema().items() if name in KEY}
-
-
 def _schema() -> dict[str, pl.DataType | type[pl.DataType]]:
     import polars as pl
 
@@ -197,7 +192,8 @@ def run_study(
     jobs = [FitJob(scenario, method, level, run, seed, version) for scenario, level, run, method in keys]
     with study_table(path, rerun=rerun) as store:
         store.fill(fits, jobs, tuple, lambda result: [_row(result)], JobOptions(executor, limits), "fitting")
-    table = store.table(pl.DataFrame(jobs, schema=key_type(), orient="row"))
+    key_types = {name: kind for name, kind in _schema().items() if name in KEY}
+    table = store.table(pl.DataFrame(jobs, schema=key_types, orient="row"))
     order = {name: k for k, name in enumerate(fits.methods)}
     return table.sort("scenario", "level", pl.col("method").replace_strict(order, return_dtype=pl.Int64), "run")
 

@@ -130,14 +130,8 @@ def test_recordings_of_it_are_checked_and_identified_and_tell_what_was_announced
     assert "motion_recorded.csv" in draft
     assert "motion_recorded_2.csv" in draft
     robot = (designed / "two.urdf").rename(designed / "away.urdf")
-    refuse(
-        "excite",
-        designed / "result" / "result.json",
-        "-o",
-        designed / "x",
-        *QUICK,
-        says="the robot file of the result is gone",
-    )
+    gone = "the robot file of the result is gone"
+    refuse("excite", designed / "result" / "result.json", "-o", designed / "x", *QUICK, says=gone)
     robot.rename(designed / "two.urdf")
 
 

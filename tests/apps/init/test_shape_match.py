@@ -188,12 +188,10 @@ def test_columns_matched_by_their_values_have_the_units_of_their_names() -> None
 
 
 def test_columns_are_of_the_joints_that_they_name_and_what_was_commanded_is_no_torque() -> None:
-    order = [3, 0, 5, 1, 4, 2]
-    columns = {f"{word}.j{j + 1}": BLOCKS[kind][:, j] for word, kind in (("action", "tau"), ("u", "q")) for j in order}
+    names, order = [joint.name for joint in JOINTS], [3, 0, 5, 1, 4, 2]
+    columns = {
+        f"{word}.{names[j]}": BLOCKS[kind][:, j] for word, kind in (("action", "tau"), ("u", "q")) for j in order
+    }
     mapping = map_columns(DataTable({"time": T, **columns}, {}, "a.txt"), JOINTS)
-    assert {name: channel.column for name, channel in mapping.position.items()} == {
-        j.name: f"u.{j.name}" for j in JOINTS
-    }
-    assert {name: channel.column for name, channel in mapping.command.items()} == {
-        j.name: f"action.{j.name}" for j in JOINTS
-    }
+    for word, channels in (("u", mapping.position), ("action", mapping.command)):
+        assert {name: channels[name].column for name in names} == {name: f"{word}.{name}" for name in names}

@@ -214,23 +214,16 @@ def test_the_noise_of_the_torque_is_found(make: Callable[[], Model], noise: floa
     assert chi2.sf(np.square(error).sum(), np.size(error)) > 1e-3
 
 
-class TestIntervals:
-    """One joint whose offset or viscous friction is hardly known."""
-
-    def covered(self, viscous: float, offset: float, runs: int = 20) -> np.ndarray:
-        hit = []
-        for seed in range(runs):
-            problem = axes(viscous, offset, seed=seed)
-            result, true = MaximumLikelihood()(problem), problem.model.values
-            hit.append((result.interval[:, 0] <= true) & (true <= result.interval[:, 1]))
-        return np.mean(hit, axis=0)
-
-    def test_of_a_parameter_that_may_have_any_sign(self) -> None:
-        assert self.covered(0.3, 0.0)[2] > 0.75
-
-    def test_of_a_parameter_at_the_edge_of_physics(self) -> None:
-        """A negative estimate is not allowed: half of them end at almost nothing."""
-        assert self.covered(0.003, 1.0)[1] > 0.75
+@pytest.mark.parametrize(("viscous", "offset", "unsure"), [(0.3, 0.0, 2), (0.003, 1.0, 1)])
+def test_intervals_cover_an_offset_and_a_friction_at_the_edge_of_physics(
+    viscous: float, offset: float, unsure: int
+) -> None:
+    hit = []
+    for seed in range(20):
+        problem = axes(viscous, offset, seed=seed)
+        (low, high), true = MaximumLikelihood()(problem).interval[unsure], problem.model.values[unsure]
+        hit.append(low <= true <= high)
+    assert np.mean(hit) > 0.75
 
 
 def test_a_moving_start_is_noticed() -> None:

@@ -193,5 +193,6 @@ def test_columns_are_of_the_joints_that_they_name_and_what_was_commanded_is_no_t
         f"{word}.{names[j]}": BLOCKS[kind][:, j] for word, kind in (("action", "tau"), ("u", "q")) for j in order
     }
     mapping = map_columns(DataTable({"time": T, **columns}, {}, "a.txt"), JOINTS)
+    assert "order" not in mapping.position["j1"].question
     for word, channels in (("u", mapping.position), ("action", mapping.command)):
         assert {name: channels[name].column for name in names} == {name: f"{word}.{name}" for name in names}

@@ -51,6 +51,12 @@ class _ColumnBlock:
             return ", ".join(map(repr, self.names))
         return f"{self.names[0]!r} to {self.names[-1]!r}" if len(self.names) > 1 else repr(self.names[0])
 
+    def order_question(self, joints: Sequence[MovableJoint]) -> str:
+        """Return the question of the order of the joints, which there is unless all columns name theirs."""
+        order = [joint.name for joint in joints]
+        is_named = [read_name(name, order).joint for name in self.names] == order
+        return "" if is_named else ", and is this order right"
+
 
 def match_by_shape(table: DataTable, joints: Sequence[MovableJoint]) -> tuple[Match | None, Match | None]:
     """Return the columns of positions and of torques, None where no block of columns looks like them.
@@ -89,7 +95,7 @@ def match_by_shape(table: DataTable, joints: Sequence[MovableJoint]) -> tuple[Ma
     twins = [blocks[k] for k in _twin_blocks(X, chain[0], starts, n) if _is_separate(k, chain, n)]
     question = (
         f"the columns {position} are taken for the positions of {joints[0].name} to {joints[-1].name}, as "
-        f"{motion.reason}: are they, and is this order right?"
+        f"{motion.reason}: are they{position.order_question(joints)}?"
     )
     if twins:
         question += f" Why not {' or '.join(map(str, twins))}, which are nearly the same?"
@@ -302,7 +308,7 @@ def _find_torque(
     best = max(likely, key=lambda k: (_usual_peak_count(joints, X[:, k : k + n]), shares[k]))
     question = (
         f"the columns {blocks[best]} are taken for the torques, as the motion explains {100 * shares[best]:.0f} % of "
-        "them: are they torques of the joints, not currents, and is this order right?"
+        f"them: are they torques of the joints, not currents{blocks[best].order_question(joints)}?"
     )
     rivals: list[int] = []
     for k in sorted(shares, key=lambda start: -shares[start]):

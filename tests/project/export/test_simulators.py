@@ -39,6 +39,13 @@ def test_each_file_has_the_torque_of_the_model(text, exporter):
     assert ("2 N m at 'shoulder'" in size) == exporter.format.startswith("drake")
 
 
+def test_collision_meshes_that_drake_does_not_read_are_said():
+    mesh = '<collision><geometry><mesh filename="{}"/></geometry></collision></link>'
+    for file, is_said in (("a.STL", True), ("a.obj", False)):
+        made = export(identified(ARM.replace("</link>", mesh.format(file), 1)), Drake(), STATES)
+        assert any("reads no collision meshes such as a.STL" in note for note in made.written.notes) is is_said
+
+
 @pytest.mark.parametrize(("offset", "is_said"), [(1e-6, False), (1e-3, True)])
 def test_the_size_of_what_is_left_out_is_said_where_it_is_no_rounding(offset, is_said):
     some = identified()

@@ -35,6 +35,7 @@ from dynident.runtime.arrays import Array
 
 DRAKE_NAMESPACE = "http://drake.mit.edu"
 DRAKE_MODEL, DRAKE_PACKAGE = "arm", "dynident"  # names in model directives
+DRAKE_MESHES = ".obj", ".vtk", ".gltf"  # of shapes that collide
 EARTH = 9.81  # m/s^2, gravity of a world of Drake
 SHAPES = ("visual", "collision")
 CHECKED_STATES = 5  # that a Pinocchio file compares when it is run
@@ -100,6 +101,10 @@ def _drake_urdf(identified: IdentifiedModel) -> ExportText:
         text.insert(text.root, *comment)
     dry = ((term, values) for term, values in identified.parts if isinstance(term, Coulomb))
     friction = (note for term, values in dry for note in omission_notes(term, values))
+    shapes = [node for node in text.root.walk() if node.tag == "collision"]
+    meshes = [node.attributes.get("filename", "") for shape in shapes for node in shape.walk() if node.tag == "mesh"]
+    if unread := [name for name in meshes if not name.lower().endswith(DRAKE_MESHES)]:
+        notes = (*notes, f"Drake reads no collision meshes such as {unread[0]}: convert them to .obj")
     return ExportText(str(text), (*joint_drives.left_out, *friction), notes)
 
 

@@ -129,7 +129,7 @@ def test_positions_in_degrees_jump_again_and_again_which_is_said_once(monkeypatc
     (first, second, fault, back), rows = seen(q, tau)
     kinds = [event.kind for event in (first, second, fault) if isinstance(event, Fault)]
     assert kinds == [FaultKind.JUMP, FaultKind.JUMP, FaultKind.JUMPING]
-    assert "check its sensor and the units" in fault.words(str, ())
+    assert "check its sensor, the units" in fault.words(str, ())
     assert STOP + 3.0 <= back.time < STOP + 3.2
     assert not rows[BEGIN + 20 : END].any()
     assert rows[-50:].all()

@@ -193,8 +193,7 @@ class Fault(Event):
         if self.kind is FaultKind.JUMP:
             return f"{fault} at {since}, by {signed_text(self.size)} rad or m, which no joint can do"
         if self.kind is FaultKind.JUMPING:
-            why = "check its sensor, the units of the stream, and its velocity limit in the robot file"
-            return f"{fault}, since {since}: {why}; nothing is watched until a minute without a jump"
+            return f"{fault}, since {since}: its sensor fails; nothing is watched until a minute without a jump"
         if self.kind is FaultKind.STILL:
             why = "the torques are not those of a rest, its sensor is dead; nothing is watched until it moves"
             return f"{fault}, since {since}: {why}"

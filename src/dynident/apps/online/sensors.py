@@ -231,7 +231,8 @@ class Sensors:
             self.moved += size > 0
             self.pace = np.maximum(size, decayed_pace)
             return
-        limit = np.maximum(limit, ABRUPT_STOP_RATIO * np.sqrt(self.bend[:n]))
+        # fast motion is no jump, however small the limit of the file: the steps beside it are nearly the same
+        is_sudden = np.abs(d[:n] - self.step[:n]) > ABRUPT_STOP_RATIO * np.sqrt(self.bend[:n])
         # the samples since a suspected jump are counted: a spike returns, a jump stays
         samples_since, self.jumped = self.jumped, np.where(self.jumped > 0, self.jumped + 1, 0.0)
         for k in np.flatnonzero(self.jumped == JUMP_SAMPLES).tolist():
@@ -239,7 +240,7 @@ class Sensors:
                 yield from self._report_jump(t, k)
         self.jumped[self.jumped >= JUMP_SAMPLES] = 0.0
         has_limit = self.limited | (self.moved > SETTLING_SAMPLES)
-        new = (size > limit) & has_limit & (self.seen > SETTLING_SAMPLES) & (samples_since == 0)
+        new = (size > limit) & is_sudden & has_limit & (self.seen > SETTLING_SAMPLES) & (samples_since == 0)
         new &= (self.fault[:n] == 0) | (self.fault[:n] == 4)
         # a jump needs a known limit, a settled channel, and none under way
         self.jumped[new] = 1.0

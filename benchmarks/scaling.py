@@ -32,10 +32,9 @@ from scaling_page import FIGURES, draw
 import dynident
 from dynident.apps.article import LEVELS, METHODS, SCENARIOS, ArmScenario, SmoothAndFit, run_study
 from dynident.apps.article.article import N_SAMPLES, SAMPLING_PERIOD
-from dynident.apps.article.study import KEY, key_type
+from dynident.apps.article.study import KEY, study_table
 from dynident.cli.demo import PRELOADED_MODULES
 from dynident.estimators import LeastSquares, Problem
-from dynident.files.row_store import RowStore
 from dynident.models.lagrangian import two_link_arm
 from dynident.regression import Regression, factorise
 from dynident.runtime.jobs import local_workers, run_jobs
@@ -94,21 +93,13 @@ def factorised(linear: Regression) -> Any:
 def written(rows: int) -> float:
     """CPU seconds of 1000 rows, from the store to the merged table."""
     numbers = np.random.default_rng(0).standard_normal((rows, 7))
-    schema = key_type() | dict(row_types())
     began = cpu()
-    with TemporaryDirectory() as place, RowStore(Path(place) / "study.parquet", schema, KEY) as store:
+    with TemporaryDirectory() as place, study_table(Path(place) / "study.parquet") as store:
         for k, value in enumerate(numbers):
             key = dict(zip(KEY, ("tabulated", "spline", 1e-6, k, 0, "0.1.0"), strict=True))
             more = {"status": "ok", "reason": "", "seconds": 0.01, "value": value.tolist(), "std": value.tolist()}
             store.add([key | more | {"interval": []}])
     return 1000.0 * (cpu() - began) / rows
-
-
-def row_types() -> Iterator[tuple[str, Any]]:
-    import polars as pl
-
-    yield from (("status", pl.String), ("reason", pl.String), ("seconds", pl.Float64))
-    yield from ((name, pl.List(pl.Float64)) for name in ("value", "std", "interval"))
 
 
 @contextmanager

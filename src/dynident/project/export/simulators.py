@@ -125,7 +125,11 @@ class _Directives(yaml.SafeLoader):
     """A loader of YAML that knows how Drake writes angles."""
 
 
-_Directives.add_constructor("!Rpy", lambda loader, node: loader.construct_mapping(node, deep=True)["deg"])
+def _read_angles(loader: yaml.SafeLoader, node: yaml.MappingNode) -> Any:
+    return loader.construct_mapping(node, deep=True)["deg"]
+
+
+_Directives.add_constructor("!Rpy", _read_angles)
 
 
 def _drake_root(bodies: RigidBodies) -> str:

@@ -84,14 +84,14 @@ class JointGrams(Noun):
     @classmethod
     def of(cls, rows: Iterable[Array], shape: tuple[int, int], maps: Array) -> JointGrams:
         """Return the Gram matrices of ``rows`` (c, N) of each block and class, whose numbers are ``shape``."""
-        triangles = np.stack([(X @ X.T)[np.tril_indices(len(X))] for X in rows])
+        triangles = np.stack([np.take(X @ X.T, _lower(len(X))) for X in rows])
         return cls(triangles.reshape(*shape, -1), maps)
 
     def only(self, columns: Sequence[int]) -> JointGrams:
         """Return the matrices of the entries, these columns of candidates and the torque."""
         b = len(self.maps)
         at = [*range(b), *(b + i for i in columns), -1]
-        chosen = _square(self.triangles.shape[-1])[np.ix_(at, at)][np.tril_indices(len(at))]
+        chosen = np.take(_square(self.triangles.shape[-1])[np.ix_(at, at)], _lower(len(at)))
         return JointGrams(self.triangles[..., chosen], self.maps)
 
     def weighted(self, weights: Array) -> Array:
@@ -151,9 +151,9 @@ class CandidateGrams(Noun):
             if id(weights) not in self._sums:  # the array is kept, so that no other has its id
                 self._sums[id(weights)] = weights, self.joint_grams.sums(weights)
             k, H, shares = len(self.joint_grams.acts), self._sums[id(weights)][1], self._reduced[folds][0]
-            cross = np.swapaxes(shares, 1, 2) @ H[:, :k, k:]
-            residual = H[:, k:, k:] - cross - np.swapaxes(cross, 1, 2)
-            self._tested[folds, id(weights)] = residual + np.swapaxes(shares, 1, 2) @ H[:, :k, :k] @ shares
+            # half of what the fit takes off, which is symmetric: one product of large matrices less
+            half = np.swapaxes(shares, 1, 2) @ (H[:, :k, k:] - 0.5 * H[:, :k, :k] @ shares)
+            self._tested[folds, id(weights)] = H[:, k:, k:] - half - np.swapaxes(half, 1, 2)
         return self._tested[folds, id(weights)]
 
 
@@ -180,6 +180,12 @@ def eliminate_columns(gram: Array, keep: int) -> tuple[Array, Array]:
     cross = np.concatenate([gram[..., keep:-1, :keep], gram[..., keep:-1, -1:]], axis=-1)
     share = np.swapaxes(cross[..., :keep], -1, -2) @ np.linalg.solve(add_ridge(gram[..., keep:-1, keep:-1]), cross)
     return gram[..., :keep, :keep] - share[..., :keep], gram[..., :keep, -1] - share[..., keep]
+
+
+@cache
+def _lower(size: int) -> NDArray[np.intp]:
+    """Return where the lower triangle of a flattened square matrix of this ``size`` is."""
+    return np.flatnonzero(np.tri(size))
 
 
 @cache
@@ -305,7 +311,7 @@ def transfer_gains(
         solved, residuals = np.linalg.solve(M[t], G[t][np.ix_(base, [-1, *added])]), np.zeros((2, len(H[t])))
         residuals[:, -1], residuals[1, list(added)] = 1.0, -coefficients
         residuals[:, base] = np.outer([0.0, 1.0], solved[:, 1:] @ coefficients) - solved[:, 0]
-        before[t], after = np.einsum("ki,ij,kj->k", residuals, H[t], residuals)
+        before[t], after = np.sum(residuals @ H[t] * residuals, axis=1)
         gains[t] = before[t] - after
     return gains, before
 

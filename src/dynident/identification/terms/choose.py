@@ -316,7 +316,8 @@ class _TermSelection:
         return self._cached_columns[j, term]
 
     def _grams(self, rows: JointEquations, columns: Sequence[Array]) -> JointGrams:
-        return rows.grams(columns, self.block, self.samples.classes(rows.j), (self.samples.blocks, N_CLASSES))
+        q, dq = (self.samples.states[name][:, rows.j] for name in ("q", "dq"))
+        return rows.grams(columns, self.block, self.samples.classes(q, dq), (self.samples.blocks, N_CLASSES))
 
     def _is_still(self, j: int) -> bool:
         """Return whether the friction of a joint cannot be seen: it hardly moves, or its torque is not fitted."""

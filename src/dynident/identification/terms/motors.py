@@ -75,7 +75,7 @@ def motor_search(samples: TermSamples, motor: CoupledMotor, equations: MotorEqua
             Y = term.regressor(samples.states["q"], samples.states["dq"], samples.states["ddq"])[:, :, 0]
             size = float(np.sqrt(np.mean(np.square(Y)))) or 1.0
             shapes.append(Y.T / size)
-    grams = equations.grams(np.stack(shapes), samples.classes_of(phi, dphi))
+    grams = equations.grams(np.stack(shapes), samples.classes(phi, dphi))
     joint_group = TermGroup(CandidateKind("own", lambda _: (), dry=True), (motor,), (tuple(range(n_columns)),))
     return JointSearch(
         samples.model.joints[equations.rows[0].j].name,

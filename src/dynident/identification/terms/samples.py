@@ -102,12 +102,8 @@ class TermSamples(Noun):
         forth, back = (float(np.square(dq[way]).sum()) for way in (dq > 0, dq < 0))
         return min(forth, back) > MIN_RETURN_SHARE * (forth + back)
 
-    def classes(self, j: int) -> NDArray[np.intp]:
-        """Return the class (N) of each sample of a joint, by speed and distance from the middle."""
-        return self.classes_of(self.states["q"][:, j], self.states["dq"][:, j])
-
     @staticmethod
-    def classes_of(q: Array, dq: Array) -> NDArray[np.intp]:
+    def classes(q: Array, dq: Array) -> NDArray[np.intp]:
         """Return the class (N) of each sample of a coordinate q (N) with velocity dq (N)."""
         speed = np.abs(dq)
         away = np.abs(q - 0.5 * (q.min() + q.max()))

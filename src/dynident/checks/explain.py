@@ -39,7 +39,6 @@ from dynident.checks.suspects import (
     is_beyond_own_effects,
     promising_suspects,
 )
-from dynident.checks.torque import nuisance_columns, project_out
 from dynident.identification import BaseTilt, tilt_base
 from dynident.models import Model
 from dynident.models.friction import LoadCoulomb
@@ -141,7 +140,9 @@ MAX_CAUSES = 6  # causes that are looked for one after the other
 MAX_TRIED_SUSPECTS = 4  # suspects whose value is sought, of those that one step explains best
 MIN_SHARE_RATIO = 0.6  # times the largest share by one step: suspects below are not tried
 REVERSAL_TERMS = (TermKind.COULOMB, TermKind.SMOOTH, TermKind.STRIBECK, TermKind.DELAY)  # explain what is left there
-MAX_UNEXPLAINED_SHARE = 0.25  # of a squared torque, that other inertias than those of the file leave where it is right
+MAX_UNEXPLAINED_SHARE = (
+    0.1  # of the squared torque of a joint, that other inertias than the file's leave of right torques
+)
 MAX_RIGHT_LOG_GAIN = 0.5  # natural logarithm of a gain, that a coupling with other joints must exclude
 MIN_TELLING_ERRORS = 2.0  # standard errors of the difference of two fits: less says nothing of which suspect it is
 MIN_TIE_RATIO = 0.9  # times the largest share: suspects from here on cannot be told apart
@@ -207,7 +208,7 @@ def refuted_doubts(
     """Return the joints whose torque a fit shows to be right, by the note that doubts it for the inertias of the file.
 
     The file may lack a tool that the arm carries: the coupling with the other joints shows that a torque is not several
-    times too large. Where its inertias are wrong, others explain a torque that is no other joint's.
+    times too large. Where its inertias are wrong, others explain the torques of all joints, if none is another's.
     """
     (case,) = fit_cases(model, motions, parallel_filter, min_speed, (CASE_SAMPLES,))
     fit, suspects = misfit(case), gain_suspects(model)
@@ -217,16 +218,19 @@ def refuted_doubts(
         for suspect, score in zip(suspects, scores, strict=True)
         if score is not None and abs(score.value) + MIN_STANDARD_ERRORS * score.std < MAX_RIGHT_LOG_GAIN
     }
-    shares = {joint.name: _unexplained_share(fit, j) for j, joint in enumerate(model.joints)}
-    explained = {name for name, share in shares.items() if share < MAX_UNEXPLAINED_SHARE}
-    return {OddScale: right_gains, UnrelatedTorque: explained}
+    is_explained = _largest_unexplained_share(fit) < MAX_UNEXPLAINED_SHARE
+    return {OddScale: right_gains, UnrelatedTorque: {joint.name for joint in model.joints} if is_explained else set()}
 
 
-def _unexplained_share(fit: Misfit, j: int) -> float:
-    """Return the share of a joint's squared torque, beside friction and rotor, that a fit leaves; 0 without samples."""
-    case, rows = fit.case, fit.case.keep[:, j]
-    torque = project_out(case.tau[:, j][rows], nuisance_columns(case.q, case.dq, case.ddq, j)[rows])
-    return float(np.sum((case.tau - fit.torque)[rows, j] ** 2) / max(np.sum(torque**2), 1e-300)) if rows.any() else 0.0
+def _largest_unexplained_share(fit: Misfit) -> float:
+    """Return the share of a joint's squared torque, beside its mean, that a fit leaves, of the joint with the largest.
+
+    A small torque in the place of a large one is itself explained, at the cost of those of other joints.
+    """
+    keep = fit.case.keep
+    tau, residual = (np.where(keep, x, 0.0) for x in (fit.case.tau, fit.case.tau - fit.torque))
+    squares = np.sum(tau**2, axis=0) - np.sum(tau, axis=0) ** 2 / np.maximum(keep.sum(axis=0), 1)
+    return float((np.sum(residual**2, axis=0) / np.maximum(squares, 1e-300)).max())
 
 
 def _joints_with(findings: Sequence[Finding], *effects: TermKind) -> set[str | None]:

@@ -1,7 +1,5 @@
 """What a module defines, for the tests."""
 
-from __future__ import annotations
-
 from inspect import isclass
 from types import ModuleType
 

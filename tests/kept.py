@@ -4,8 +4,6 @@
 machine (see ``tests/laws/test_numbers.py``) numbers may differ by their rounding.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

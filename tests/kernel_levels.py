@@ -1,7 +1,5 @@
 """The levels of the compiled kernel that this machine has, and their functions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

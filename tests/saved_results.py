@@ -1,7 +1,5 @@
 """What tests ask of a ``result.json``."""
 
-from __future__ import annotations
-
 from typing import Any
 
 __all__ = ["errors_by_log", "runs_by_log"]

@@ -1,7 +1,5 @@
 """What is said of a noun, and what is said otherwise with one of its fields changed, at all limits of its code."""
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import inspect

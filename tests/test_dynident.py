@@ -1,7 +1,5 @@
 """The names of ``import dynident``: lazy, complete, seen by type checkers, and what they are."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

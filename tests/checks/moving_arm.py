@@ -1,7 +1,5 @@
 """An arm of three joints that moves, and its logs, right or with one fault; for tests of what explains a residual."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A pendulum that moves, and its logs; for tests of what recordings show."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from dynident.models import Model, RigidBodies

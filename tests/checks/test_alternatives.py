@@ -1,7 +1,5 @@
 """Large faults are found by trying, and a right log has none."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

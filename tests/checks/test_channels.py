@@ -1,7 +1,5 @@
 """What a log says of its channels, and of gaps in its time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """All together: what is left out, what fails, and what is still said."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass, replace
 from typing import Literal

@@ -1,7 +1,5 @@
 """The causes of a residual, one after the other; and none on right arms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Compensated gravity, motion that is too slow, and logs that repeat."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

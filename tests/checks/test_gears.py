@@ -1,7 +1,5 @@
 """A wrong gear of a position, against what a joint alone lacks and against the clock."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

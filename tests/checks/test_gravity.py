@@ -1,7 +1,5 @@
 """The direction of gravity that torques ask for, on simulated arms that are mounted in other ways than assumed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

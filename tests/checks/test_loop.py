@@ -1,7 +1,5 @@
 """The controller of a log against the torque that was measured."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Torques after a low-pass are named as such, and late ones are not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

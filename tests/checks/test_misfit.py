@@ -1,7 +1,5 @@
 """The samples that a model is to explain, and what a residual says of one more unknown."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

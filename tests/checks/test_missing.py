@@ -1,7 +1,5 @@
 """Effects that the torque has and the model lacks: named with joint, size and cost, and delays and ripples found."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

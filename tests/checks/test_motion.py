@@ -1,7 +1,5 @@
 """What motions show, with motions whose speeds, turns and limits are known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Logs that do not fit together."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

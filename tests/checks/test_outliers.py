@@ -1,7 +1,5 @@
 """Findings on outliers name joint, row and time; a clean log has none."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Another payload in a held-out log than in training."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Gains from the robot file: found where the motion shows them, refused where not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

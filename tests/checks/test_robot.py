@@ -1,7 +1,5 @@
 """Robot files with one fault each: the fault is named, and nothing else is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The words of findings hold their figures and what to do."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 

@@ -1,7 +1,5 @@
 """The time axis: stamps or sampling at fault, lost samples, with known truth."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

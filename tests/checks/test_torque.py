@@ -1,7 +1,5 @@
 """Sign, scale and column of a torque against the robot file, on simulated torques whose faults are known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is left of the torque, and no cause explains it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

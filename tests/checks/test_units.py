@@ -1,7 +1,5 @@
 """Units of time, length and angle that rates, speeds and ranges tell."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

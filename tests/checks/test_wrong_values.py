@@ -1,7 +1,5 @@
 """Gains, gears, zeros, lengths, axes and clocks that are wrong: found with joint, value and cost, or not to be seen."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

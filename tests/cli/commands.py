@@ -1,7 +1,5 @@
 """Commands, run on a recording and a configuration of a slider."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """``dynident bound``: what it prints and writes, its options, and how it says what is wrong."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``dynident check`` as a user meets it: what it prints, its exit code, and the file it writes."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

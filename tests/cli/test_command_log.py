@@ -1,7 +1,5 @@
 """How much a command says, and the log that keeps all of it."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

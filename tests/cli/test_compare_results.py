@@ -1,7 +1,5 @@
 """``dynident compare-results`` as a gate: what it prints, writes, and ends with."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

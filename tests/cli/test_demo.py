@@ -1,7 +1,5 @@
 """``dynident demo``: what it refuses, and its files alone; `tests/meta/test_tutorial.py` runs it whole."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

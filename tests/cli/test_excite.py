@@ -1,7 +1,5 @@
 """``dynident excite``: what it writes, that recordings of it are read and identified, and what it refuses."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """How a command ends that fails or is told to stop: one message, an exit code, no traceback unless it is asked for."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """The command ``dynident fleet``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from unittest.mock import Mock
 

@@ -1,7 +1,5 @@
 """The identification as a user meets it: what it prints and writes, and how it says what is wrong."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

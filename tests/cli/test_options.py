@@ -1,7 +1,5 @@
 """What commands share: completion, schemas, the version, options that spread the work, and commands to paste."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform

@@ -1,7 +1,5 @@
 """``dynident payload``, from files to files."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from shutil import copy

@@ -1,7 +1,5 @@
 """From a result to new torques and other formats: what identify writes, and what predict and export make of it."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

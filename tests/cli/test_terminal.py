@@ -1,7 +1,5 @@
 """Paths and texts at the command line."""
 
-from __future__ import annotations
-
 import io
 import re
 import time

@@ -1,7 +1,5 @@
 """``dynident tune`` prints where the page is, and ends with Ctrl-C."""
 
-from __future__ import annotations
-
 import socket
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``dynident watch``: what it prints, of a file and of standard input, and what it refuses."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """An arm of six joints for a payload of 300 kg, or as small as one likes, with and without the inertias in its file."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

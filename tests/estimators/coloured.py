@@ -1,7 +1,5 @@
 """Problems whose noise is known: autoregressions with correlated innovations."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

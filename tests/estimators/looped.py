@@ -1,7 +1,5 @@
 """A mass in the loop of a controller, recorded with noise: known truth for instrumental variables."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

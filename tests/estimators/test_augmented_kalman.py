@@ -1,7 +1,5 @@
 """Kalman filtering of parameters: intervals that hold, and where it fails."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

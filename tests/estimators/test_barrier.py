@@ -1,7 +1,5 @@
 """The barrier: where it ends, and Newton's method inside of it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

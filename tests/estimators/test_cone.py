@@ -1,7 +1,5 @@
 """The feasible point nearest to another, and limits of a centre of mass."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

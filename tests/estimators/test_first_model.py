@@ -1,7 +1,5 @@
 """The first model of a simulation: the right one of several minima, and what is tried without a mass."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

@@ -4,8 +4,6 @@ All laws are of seeded runs; their limits are 4 standard errors of what is avera
 16 000.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

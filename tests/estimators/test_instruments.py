@@ -1,7 +1,5 @@
 """Instruments: their equations against dense algebra, scores of two passes, and motions from before and after."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Least squares: rank, scaling, what its covariance promises, and its rows in other fits."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

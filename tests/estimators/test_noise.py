@@ -1,7 +1,5 @@
 """The noise in a residual, its orders and covariance; whether it explains how far two fits are apart."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What physics demands of a model, and the sizes of bodies that a robot file does not say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

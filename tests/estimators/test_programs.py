@@ -1,7 +1,5 @@
 """The conic program and the way from inside: where both work they find the same, and where the solver fails."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Robust least squares: known minima, wrong torques, and standard errors that hold."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

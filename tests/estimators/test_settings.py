@@ -1,7 +1,5 @@
 """Settings outside the limits that their types have, and the notes of an estimate: each says its figures."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import fields

@@ -1,7 +1,5 @@
 """What simulates, in a loop or in segments: errors that hold, what it needs, where it begins."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

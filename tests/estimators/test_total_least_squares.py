@@ -1,7 +1,5 @@
 """Total least squares: the textbook's closed form, exact columns, the noise that a motion has left, and limits."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Weighted and generalised least squares: their bound, and a residual that is no noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Small LeRobot data sets, as its versions 2.1 and 3.0 write them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

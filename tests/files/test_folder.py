@@ -1,7 +1,5 @@
 """Whatever stops a run, a folder holds all files of one run, and no others than its user's."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """HDF5 and MATLAB 7.3: named and shaped as the other readers do; nothing outside the file is opened."""
 
-from __future__ import annotations
-
 import builtins
 
 import numpy as np

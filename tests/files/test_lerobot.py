@@ -1,7 +1,5 @@
 """Episodes of LeRobot data sets, of both layouts, are recordings."""
 
-from __future__ import annotations
-
 import json
 from contextlib import suppress
 from pathlib import Path

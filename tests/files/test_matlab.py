@@ -1,7 +1,5 @@
 """MATLAB files: the same arrays as SciPy reads, and words on everything else."""
 
-from __future__ import annotations
-
 import io
 import struct
 

@@ -1,7 +1,5 @@
 """Meshes: where they are found, how they are read, and the inertia that follows from them."""
 
-from __future__ import annotations
-
 import importlib.util
 import struct
 import tracemalloc

@@ -1,7 +1,5 @@
 """Only regular files and files of stores are read, within a budget of memory; nothing else ends in a traceback."""
 
-from __future__ import annotations
-
 import ast
 import builtins
 import os

@@ -1,7 +1,5 @@
 """Parquet: lists, structs and dates; its footer, whatever the writer; parts of one recording by folder or pattern."""
 
-from __future__ import annotations
-
 import datetime as dt
 from io import BytesIO
 from pathlib import Path

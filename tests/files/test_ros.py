@@ -1,7 +1,5 @@
 """Joint states from bags: each joint's rows are its own, whatever order, topic and clock they come in."""
 
-from __future__ import annotations
-
 import builtins
 import sqlite3
 from contextlib import closing

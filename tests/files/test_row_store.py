@@ -1,7 +1,5 @@
 """Rows of long work in a file that grows: added as they come, whole in the end, and found again after a crash."""
 
-from __future__ import annotations
-
 import errno
 import os
 import threading

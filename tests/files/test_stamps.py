@@ -1,7 +1,5 @@
 """Dates and times as seconds since the first midnight."""
 
-from __future__ import annotations
-
 import datetime as dt
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tables from files of all kinds: sound, damaged, and random."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 

@@ -1,7 +1,5 @@
 """Texts of XML: edits change the bytes they name, included files are joined, and macros are expanded by xacro."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """An arm of a robot file that is good for simulation."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

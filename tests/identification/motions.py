@@ -1,7 +1,5 @@
 """Motions in closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

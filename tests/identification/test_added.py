@@ -1,7 +1,5 @@
 """What identification makes of a model whose terms are left to the data."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline

@@ -1,7 +1,5 @@
 """The tilt of the base: one that was put in is found again, within its standard errors."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Intervals by drawing stretches of the training anew: they hold where residuals correlate, over any executor."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 

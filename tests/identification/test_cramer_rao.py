@@ -1,7 +1,5 @@
 """The Cramer-Rao bound of eq. (7), exact and banded: published figures, closed forms, any model, its picture."""
 
-from __future__ import annotations
-
 import runpy
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Blocked cross-validation: the errors by hand, and common samples, on which leaving out does not win."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A gear that is wrong alike for position and torque of a joint that is coupled to no other only scales its numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What a fit knows of its base parameters together."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.apps.payload.arms import result

@@ -1,7 +1,5 @@
 """Mass, centre and moments of links, with errors where the data determine them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

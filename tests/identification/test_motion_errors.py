@@ -1,7 +1,5 @@
 """What errors of the smoothed motion do to an estimate: predicted, corrected, counted, and said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

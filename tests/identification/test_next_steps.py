@@ -1,7 +1,5 @@
 """What to do next and what it gains, against what it does gain where the truth is known."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any

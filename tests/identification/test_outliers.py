@@ -1,7 +1,5 @@
 """Wrong torques are left out of the fit, true ones are not, and held-out ones are told."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

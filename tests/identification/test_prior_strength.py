@@ -1,7 +1,5 @@
 """The strength of the prior: it helps where training is short, and is none where the file is wrong or says nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rests of the whole arm: cut off the ends, left out within where that predicts better, and nothing else touched."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

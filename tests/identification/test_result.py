@@ -1,7 +1,5 @@
 """The recipe as used, and what an identification does with a new log."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

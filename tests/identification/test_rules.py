@@ -1,7 +1,5 @@
 """The limits of the rules, on an arm of a robot file that is good for simulation until something is taken from it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

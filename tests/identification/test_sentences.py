@@ -1,7 +1,5 @@
 """What is chosen before a fit, the reasons of a verdict, the next steps and the verdict itself say their figures."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from dynident.checks import robot_notes

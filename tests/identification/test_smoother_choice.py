@@ -1,7 +1,5 @@
 """Among smoothers, the torque decides: by cross-validation over stretches of time."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """The time offset between torque and motion: one that was put in is found again, and no other."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

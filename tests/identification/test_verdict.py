@@ -1,7 +1,5 @@
 """The rules of the verdict, one by one, on a slider that is good for everything until something is taken from it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

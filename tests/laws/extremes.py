@@ -1,7 +1,5 @@
 """Extreme values for every setting: the sections of a configuration by introspection, and what the commands do then."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from copy import deepcopy

@@ -1,7 +1,5 @@
 """The example configurations of measured robots, whose recordings are not part of the project."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """No file takes more memory than its budget, or more than seconds to be refused: small files that claim much."""
 
-from __future__ import annotations
-
 import bz2
 import io
 import struct

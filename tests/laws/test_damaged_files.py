@@ -1,7 +1,5 @@
 """A damaged file of any kind is read, or refused in a sentence: nothing else is raised."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A damaged robot file is refused with a ModelError or read, and nothing else comes out; a few seconds of attempts."""
 
-from __future__ import annotations
-
 import copy
 from contextlib import suppress
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """Objects that hold data cannot be changed, and those that hold arrays are not compared by these."""
 
-from __future__ import annotations
-
 from dataclasses import fields, is_dataclass
 from importlib import import_module
 from inspect import isclass

@@ -1,7 +1,5 @@
 """All thresholds, limits, tables and defaults of the package, in one list: none changes unseen."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass

@@ -1,7 +1,5 @@
 """What is written says what was identified: any tree, any physical bodies, read again by readers of others."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -3,8 +3,6 @@
 The laws and their arms are those of benchmarks/friction_laws.py, written independently of the terms.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path

@@ -3,8 +3,6 @@
 One robot and its recording, all of whose names are hostile, go through all commands.
 """
 
-from __future__ import annotations
-
 import builtins
 import io
 import json

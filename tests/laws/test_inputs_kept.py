@@ -1,7 +1,5 @@
 """No command replaces a file that it reads, or that its configuration names, under whatever name."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The path of a new user with logs of any format: init, check, identify, export, with nothing changed by hand."""
 
-from __future__ import annotations
-
 import datetime as dt
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The whole path of a new user: a robot file, and a CSV with other names, units and order of the joints."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path

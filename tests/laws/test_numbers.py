@@ -5,8 +5,6 @@ Another processor or another version of NumPy rounds otherwise: there 4 digits a
 physical parameters ends where it may.
 """
 
-from __future__ import annotations
-
 import json
 import platform
 import tempfile

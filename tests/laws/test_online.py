@@ -1,7 +1,5 @@
 """A result followed on the stream of a recording ends at the fit to all of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

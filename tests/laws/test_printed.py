@@ -1,7 +1,5 @@
 """What the commands print of a small robot stays, with the tables and notes that ``-v`` adds."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

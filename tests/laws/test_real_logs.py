@@ -3,8 +3,6 @@
 The recordings are not part of the project; without them these tests are skipped.
 """
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path

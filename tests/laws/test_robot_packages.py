@@ -3,8 +3,6 @@
 The packages are installed by ``python3 dev.py robots``; nothing of them is copied.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import importlib.util
 import re

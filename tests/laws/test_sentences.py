@@ -1,7 +1,5 @@
 """Sentences at all their thresholds: each field of a note is changed by itself, to what its class compares it with."""
 
-from __future__ import annotations
-
 from collections import Counter
 from itertools import islice
 from typing import Any

@@ -5,8 +5,6 @@ line here. The suite tries a sample of all; ``DYNIDENT_TRIALS=5000 pytest tests/
 another ``DYNIDENT_SEED`` others.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import re

@@ -1,7 +1,5 @@
 """What pages, terminal tables and sentences show stays, down to columns, order, digits and looks of figures."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What every smoother promises (``dynident.testing``), for the whole family. A new smoother is added to SMOOTHERS."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache

@@ -3,8 +3,6 @@
 ``test_numbers.py`` holds the whole method to twelve digits on few robots; here every part has its own small data.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any

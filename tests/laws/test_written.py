@@ -1,7 +1,5 @@
 """Files that are written for others stay: exports, drafts of configurations, trajectories, schemas, and help."""
 
-from __future__ import annotations
-
 import json
 import re
 import runpy

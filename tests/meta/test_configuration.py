@@ -1,7 +1,5 @@
 """The page of the configuration has every key with its default, and configurations that are shown are valid."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What dev.py does for a user: commands run where the user stands, and what it says to type can be typed."""
 
-from __future__ import annotations
-
 import os
 import re
 import runpy

@@ -1,7 +1,5 @@
 """What the documentation says is so: its code runs, its commands, links, keys and names exist."""
 
-from __future__ import annotations
-
 import ast
 import re
 import runpy

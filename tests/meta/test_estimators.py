@@ -1,7 +1,5 @@
 """The study of every estimator and smoother: its harness takes every kind."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The examples run in a clone and print what they show; configurations of public recordings say where these are."""
 
-from __future__ import annotations
-
 import ast
 import re
 import runpy

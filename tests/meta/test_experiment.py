@@ -1,7 +1,5 @@
 """The figures of docs/experiment.md are those that its benchmark prints."""
 
-from __future__ import annotations
-
 import re
 import runpy
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The formulas of the pages can be read, and a wrong one stops the site's build."""
 
-from __future__ import annotations
-
 import re
 import runpy
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a command does not need it does not import: of a small log, half of the time would be that."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Messages name keys that exist."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import re

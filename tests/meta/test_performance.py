@@ -1,7 +1,5 @@
 """The benchmarks: works are measured in turn, marks are judged, figures of other parts are kept."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import os

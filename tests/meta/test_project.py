@@ -1,7 +1,5 @@
 """What the project's own files say of each other: versions of Python, commands of CI and hooks, pins."""
 
-from __future__ import annotations
-
 import re
 import runpy
 import shlex

@@ -1,7 +1,5 @@
 """The configurations of docs/recipes.md read made-up files in the layout of each recorder, with the right units."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What is published: the source distribution, the wheels of CI, and one date and version everywhere."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import runpy

@@ -1,7 +1,5 @@
 """The documentation as a site: its search finds for what users ask the page that answers."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """docs/symptoms.md and docs/payload.md have what is printed: of each type of message, and in its words."""
 
-from __future__ import annotations
-
 import re
 import runpy
 from pathlib import Path

@@ -4,8 +4,6 @@ Numbers may differ by 2 % or by one in their last digit. Words are compared with
 sentences are as wide as the terminal.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

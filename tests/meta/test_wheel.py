@@ -1,7 +1,5 @@
 """The built wheel: all data is in it, and its commands work where there is no checkout."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

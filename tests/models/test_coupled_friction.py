@@ -1,7 +1,5 @@
 """Friction of a coupled motor is that of a single joint, at the motor's coordinate."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A term has defaults for all that it does not say, and what is no term is named."""
 
-from __future__ import annotations
-
 import inspect
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Recursive filters are SciPy's, by the kernel on every level of this CPU and without it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import signal

@@ -1,7 +1,5 @@
 """Logs and motions: their tables, samples evenly spread over the usable ones, pieces whose samples stay neighbours."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Writes small bags of joint states, with the writers of rosbags."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path

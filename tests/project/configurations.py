@@ -1,7 +1,5 @@
 """Texts of configurations of a slider."""
 
-from __future__ import annotations
-
 import yaml
 
 from dynident.models import Joint

@@ -1,7 +1,5 @@
 """Builds small files of all kinds, as bytes."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

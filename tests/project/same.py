@@ -1,7 +1,5 @@
 """Whether two results are the same in all that a file holds, to the last bit."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Whether a value keeps to a JSON schema."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

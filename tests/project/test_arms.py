@@ -1,7 +1,5 @@
 """Well-known arms: recognised by names and limits, and their usual limits offered, never used unasked."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """What names of columns say."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

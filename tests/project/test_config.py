@@ -1,7 +1,5 @@
 """Configurations: the models they name, and what is warned of."""
 
-from __future__ import annotations
-
 import pytest
 import yaml
 

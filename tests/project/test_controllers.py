@@ -1,7 +1,5 @@
 """The controller of a recording, as a configuration describes it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

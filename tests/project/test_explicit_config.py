@@ -1,7 +1,5 @@
 """What was chosen, written out: the configuration repeats the result, from any folder and with any names."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Logs from the declared channels of a recording."""
 
-from __future__ import annotations
-
 import textwrap
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A recording too long for the memory, from its configuration to a result: the same as in memory, and resumed."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """A configuration as one noun, the run that command line and Python share, and fingerprints of what it reads."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Results that last: what is saved is read again to the last bit, and older files say what they lack."""
 
-from __future__ import annotations
-
 import json
 import random
 from dataclasses import replace

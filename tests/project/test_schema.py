@@ -1,7 +1,5 @@
 """The published schemas: what the library reads and writes keeps to them, and mistakes do not."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Settings that do not fit the joints of the model, and units."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Short calls from Python: files for models, one log for several, and mistakes in words."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

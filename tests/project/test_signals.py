@@ -1,7 +1,5 @@
 """The channels of a recording: times that are dates, and several recordings in one file."""
 
-from __future__ import annotations
-
 import datetime as dt
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How each mistake in a configuration is worded, and that any text is read or explained."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

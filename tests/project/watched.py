@@ -1,7 +1,5 @@
 """A slider that was identified, and what its sensors say afterwards: friction rises by a half at 40 s."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Triangular factors of rows without a known structure."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 

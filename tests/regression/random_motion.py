@@ -1,7 +1,5 @@
 """Random motion of the two-link arm, and the rows that a regression makes of it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What of a robot can change, as directions of its base parameters."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.stats import f
 

@@ -1,7 +1,5 @@
 """The bandwidth of the long-run covariance: Andrews' formula, printed and by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

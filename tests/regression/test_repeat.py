@@ -1,7 +1,5 @@
 """Recordings of the same motion, at any lag, and of others."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Triangular factors of the entries that hold all others: the same information as of the whole regressor."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Whitened rows: those of a dense computation, in stretches, blocks, parts and pulls."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

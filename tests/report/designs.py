@@ -1,7 +1,5 @@
 """A design that was not searched for: a motion of two links, with what its reports need."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp

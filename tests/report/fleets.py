@@ -1,7 +1,5 @@
 """A made fleet for its report: values, changes and scatter as they are, without a fit."""
 
-from __future__ import annotations
-
 from datetime import datetime, timedelta
 
 import numpy as np

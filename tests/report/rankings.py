@@ -1,7 +1,5 @@
 """A made ranking for its report: as many combinations as there may be, failures, a truth."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A robot with a branch, a prismatic joint, a mimic joint and a locked one, identified from short logs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Colours of figures: told apart by everybody, and seen on both papers."""
 
-from __future__ import annotations
-
 import re
 from importlib.resources import files
 from itertools import combinations

@@ -1,7 +1,5 @@
 """Findings gathered for the eye: like ones once, with the names of all places."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from dynident.checks import CheckResult, RobotJointFacts, log_notes

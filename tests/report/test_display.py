@@ -1,7 +1,5 @@
 """How an identification shows itself: in a terminal, in a notebook, figure by figure."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

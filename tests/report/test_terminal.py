@@ -1,7 +1,5 @@
 """Tables in a terminal of any width."""
 
-from __future__ import annotations
-
 import io
 import random
 

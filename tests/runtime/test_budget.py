@@ -1,7 +1,5 @@
 """The budget of memory: what is given holds for a run, else what the environment says."""
 
-from __future__ import annotations
-
 import pytest
 
 from dynident.runtime import GIGABYTE, MEMORY_VARIABLE, ConfigError, budget_scope, memory_budget, set_budget

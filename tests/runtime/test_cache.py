@@ -1,7 +1,5 @@
 """A memory of results for several threads."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier, Event
 

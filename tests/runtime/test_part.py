@@ -1,7 +1,5 @@
 """Parts that fail or return another type are said by name, with the line of their own file."""
 
-from __future__ import annotations
-
 import pytest
 
 from dynident.runtime import ConfigError, InputError, call_part

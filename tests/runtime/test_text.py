@@ -1,7 +1,5 @@
 """Parts, numbers, notes and findings as users read them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

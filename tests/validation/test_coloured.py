@@ -1,7 +1,5 @@
 """Standard errors for slow residuals: how often their intervals hold."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

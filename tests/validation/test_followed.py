@@ -1,7 +1,5 @@
 """Smoothing that takes motion away, with known truth: what the test says of it, and how often it errs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Free simulation: its pieces, with friction that holds, and in a controller's loop."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The noise floor: a residual that equals the sensors' scatter is at it, one with a fault of the model is not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What residuals look like: known series, and known causes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the sensors' noise leaves of the torque, against the error of the true parameters on simulated recordings."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Standard errors for correlated residuals, and by the scores of parts: by hand, and how often intervals hold."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From a robot file, a configuration or a result to what is designed for it: settings, limits, noise, information."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace

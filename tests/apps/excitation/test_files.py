@@ -1,7 +1,5 @@
 """Files of a designed motion: trajectories, the configuration for the recordings, and grippers, held still."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Programs beside a motion, for ROS 2 and arms of Universal Robots and Franka, each run on a stand-in for its robot."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

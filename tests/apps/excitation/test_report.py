@@ -1,7 +1,5 @@
 """The report of a designed motion: what is not on the page that `tests/laws/test_shown.py` keeps."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

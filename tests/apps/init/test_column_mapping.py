@@ -1,7 +1,5 @@
 """Channels guessed from names and values, commands by name, and servos by the actuators of an MJCF."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Drafted configurations: they say what they guess, can be read, and where all was certain, be used."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

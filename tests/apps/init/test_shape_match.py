@@ -1,7 +1,5 @@
 """Columns without names are matched by their values, in whatever order their blocks are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import permutations
 

@@ -1,7 +1,5 @@
 """An arm of six joints with a flange, recorded with and without a payload."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

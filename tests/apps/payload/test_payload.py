@@ -1,7 +1,5 @@
 """What an arm carries is found within its errors: gains right and wrong, drift, and ten parameters as a body."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

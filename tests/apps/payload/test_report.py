@@ -1,7 +1,5 @@
 """A payload in words, tables and files."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """The arm of the demo as a plant with known values, and recordings of it."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

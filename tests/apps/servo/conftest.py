@@ -1,7 +1,5 @@
 """The demo's arm of servos, drafted and identified once."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """An identified servo arm that was not fitted, with what its report shows."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from dynident.apps.demo.servo_arm import FILE_VALUES, SERVO_JOINTS

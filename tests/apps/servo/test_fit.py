@@ -1,7 +1,5 @@
 """The fit: known answers with their errors, a wrong kp, an unknown one, a servo that diverges, and backlash."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

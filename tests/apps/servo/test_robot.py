@@ -1,7 +1,5 @@
 """Files of servo arms, the plant that is made of them, and that what is written moves as what was fitted."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from xml.sax.saxutils import quoteattr
 

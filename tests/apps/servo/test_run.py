@@ -1,7 +1,5 @@
 """From `init` or `excite --for servo` to a model of MuJoCo, of positions and of torques; `check` and `predict`."""
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A saved result of servos: its model is MuJoCo's, and other simulators get its values."""
 
-from __future__ import annotations
-
 import json
 
 import mujoco

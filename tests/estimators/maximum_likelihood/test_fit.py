@@ -1,7 +1,5 @@
 """Maximum likelihood of eq. (7): against the bound, outliers, colour, time offset, a moving start, bodies, failure."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

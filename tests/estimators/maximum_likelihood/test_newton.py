@@ -1,7 +1,5 @@
 """The line search: steps conjugate, adjusted, followed and shortened; and the end of the search."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The input of maximum likelihood: knots, thinned logs, and friction with smooth signs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

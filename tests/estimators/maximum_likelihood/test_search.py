@@ -1,7 +1,5 @@
 """The choice of knots by white positions, else by the torque; intervals from the profile of the likelihood."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

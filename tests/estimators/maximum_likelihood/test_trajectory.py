@@ -1,7 +1,5 @@
 """A matrix with a band and a border that does not determine a trajectory."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

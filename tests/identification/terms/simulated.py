@@ -1,7 +1,5 @@
 """An arm of three joints with a friction law that is known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 

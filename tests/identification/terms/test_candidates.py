@@ -1,7 +1,5 @@
 """Terms on single joints become one per class; rates and delays of a ripple are found where they are."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

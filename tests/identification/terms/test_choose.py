@@ -1,7 +1,5 @@
 """The choice of terms: sizes, what was tried, the minimum speed, and joints that show no friction."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

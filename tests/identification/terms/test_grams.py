@@ -1,7 +1,5 @@
 """Trials from Gram matrices are those of least squares on the rows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

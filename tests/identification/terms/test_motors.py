@@ -1,7 +1,5 @@
 """Friction of a motor that two joints share is found at both, and is one term."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which of several good laws enters: the simplest that is as good as the best, and the better one of the same cause."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What an MJCF may say in more than one way: each is the same arm."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Inertias of bodies: as the file gives them, else as MuJoCo makes them from shapes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """URDF files that are refused, and why."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

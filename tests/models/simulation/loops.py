@@ -1,7 +1,5 @@
 """Motions and controllers to simulate with, for the tests of the room."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from dynident.models import Model

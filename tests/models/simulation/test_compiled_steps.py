@@ -1,7 +1,5 @@
 """The steps that the kernel takes are those of NumPy, on every level of this CPU."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

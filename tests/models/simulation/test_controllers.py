@@ -1,7 +1,5 @@
 """Controllers: their formulas, limits and integral, and that what they say of themselves is so."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 

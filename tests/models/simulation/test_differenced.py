@@ -1,7 +1,5 @@
 """A velocity over several steps: what it is, in any loop, with its derivatives, and its settings."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

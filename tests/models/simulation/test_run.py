@@ -1,7 +1,5 @@
 """A recording simulated: its pieces, derivatives and failures."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Derivatives of a simulation: against its own differences, with all that switches on the way, and against LSODA."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The steps of a free simulation: in plain numbers for one joint as in arrays, whatever changes on the way."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

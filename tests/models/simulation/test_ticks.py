@@ -1,7 +1,5 @@
 """A drive that is faster than its log: simulated at its own times, it goes where it went."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

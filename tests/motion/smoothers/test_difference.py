@@ -1,7 +1,5 @@
 """Differences, raw and by Butterworth's filters: the article's equations, their masks and errors."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import butter, filtfilt

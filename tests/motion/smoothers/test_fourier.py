@@ -1,7 +1,5 @@
 """Fourier series of logs: what is found of motion that repeats, and what is said of motion that does not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

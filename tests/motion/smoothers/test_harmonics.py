@@ -1,7 +1,5 @@
 """Series of harmonics: least squares by sums (of FFT and of powers), factorised once; the noise between harmonics."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The Kalman smoother of a log: its standard errors, encoders, and data without noise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

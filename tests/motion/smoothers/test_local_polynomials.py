@@ -1,7 +1,5 @@
 """Polynomials around each sample: SciPy's at even times, and least squares at any."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import savgol_filter

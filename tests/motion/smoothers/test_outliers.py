@@ -1,7 +1,5 @@
 """A log without its outliers: positions replaced, and rows that are not kept for the fit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A log as one period: which, and how well it is known; which harmonics, and what is left."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

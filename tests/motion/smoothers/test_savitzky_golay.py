@@ -1,7 +1,5 @@
 """The Savitzky-Golay smoother: the window that it takes, its mask and its errors."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

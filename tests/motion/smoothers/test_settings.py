@@ -1,7 +1,5 @@
 """Settings outside their limits are refused by name, and so are those of joints that a log has not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

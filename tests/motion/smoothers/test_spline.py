@@ -1,7 +1,5 @@
 """The spline smoother: what it says of itself, and what it cannot smooth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

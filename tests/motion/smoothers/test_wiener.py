@@ -1,7 +1,5 @@
 """Integrated Wiener processes: the banded splines against dense algebra and the recursion of the textbooks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Series to smooth; the matrices of the article; and its spline in 50 digits, an independent solution of eq. (32)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mpmath

@@ -1,7 +1,5 @@
 """The banded system against dense algebra."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

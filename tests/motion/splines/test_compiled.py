@@ -1,7 +1,5 @@
 """What the kernel does against NumPy and LAPACK: every function, all levels of this CPU, over the range of p."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The difference-based noise estimate: statistics with a stated confidence, irregular times, weights, limits."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

@@ -1,7 +1,5 @@
 """The system of the quintic smoothing spline against dense algebra and exact solutions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

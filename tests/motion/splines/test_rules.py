@@ -1,7 +1,5 @@
 """Rules of smoothing: what they refuse, and where their criteria look."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

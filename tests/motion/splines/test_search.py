@@ -1,7 +1,5 @@
 """Searches for p."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Spikes and frozen stretches: found where they were put, and in no clean signal."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The smoothing spline against the printed algorithm, dense algebra, scipy, 50 digits, and itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

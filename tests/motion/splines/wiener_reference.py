@@ -1,7 +1,5 @@
 """Integrated Wiener processes in dense algebra, and by the textbook's recursion: independent of all banded systems."""
 
-from __future__ import annotations
-
 from math import factorial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """An arm with values found, for exports."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from dynident.models import CoupledMotor, Model, RigidBodies, RotorInertia, from_physical

@@ -1,7 +1,5 @@
 """The identified model as files: all formats or one, and what cannot be written."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The module of an identified model stands on its own, whatever its terms; or says why it cannot."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

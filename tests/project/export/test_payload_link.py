@@ -1,7 +1,5 @@
 """A payload as a link of its own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

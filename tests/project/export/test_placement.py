@@ -1,7 +1,5 @@
 """What a robot file cannot hold goes where it can: the same torque, and bodies that are physical."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A proof notices what is wrong with a text, and says so."""
 
-from __future__ import annotations
-
 import re
 import sys
 from dataclasses import replace

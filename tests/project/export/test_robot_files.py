@@ -1,7 +1,5 @@
 """Robot files that are written: what URDF and MJCF hold and leave out, one from the other, and what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import mujoco

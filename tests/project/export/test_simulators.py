@@ -1,7 +1,5 @@
 """Files for Drake, Isaac Lab and Pinocchio: what they hold, and that they cannot be tricked by names."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The files of a model in a report: differences, what is left out, refusals; names from files are escaped."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The numbers at the head of a report: the error over what the sensors allow first, where it is known."""
 
-from __future__ import annotations
-
 from dynident.identification import judge
 from dynident.report.identification import identification_page
 from dynident.report.identification.head import head_numbers, summary_lines

@@ -1,7 +1,5 @@
 """The tables of the links, and what is said of their shapes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

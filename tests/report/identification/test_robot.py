@@ -1,7 +1,5 @@
 """The robot in its report: coloured links, along its recordings, with its inertia."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The choice of terms in words, in a table and in figures."""
 
-from __future__ import annotations
-
 import pytest
 
 from dynident.identification import Calibration

@@ -1,7 +1,5 @@
 """The verdict as a reader meets it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

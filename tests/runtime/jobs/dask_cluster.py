@@ -1,7 +1,5 @@
 """Real processes of Dask on loopback, which end with the test."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

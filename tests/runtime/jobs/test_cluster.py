@@ -1,7 +1,5 @@
 """Jobs on real processes of Dask: results are those of any other executor, and what cannot be used is said."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Whatever runs the jobs, results are the same and each job ends once; the sizes of batches, and classes of files."""
 
-from __future__ import annotations
-
 import itertools
 import subprocess
 import sys

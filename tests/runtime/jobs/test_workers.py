@@ -1,7 +1,5 @@
 """Processes of this machine: one thread each, an end with the one that started them, and trouble of a job."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

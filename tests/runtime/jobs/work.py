@@ -1,7 +1,5 @@
 """Functions of jobs, in a module that workers can import."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import signal

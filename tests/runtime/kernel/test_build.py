@@ -1,7 +1,5 @@
 """The compilation: with each compiler there is, without one, and with those that fail."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import shutil

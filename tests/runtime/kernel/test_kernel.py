@@ -1,7 +1,5 @@
 """The loader: which library it takes, what it refuses, what it says; and all uses of the kernel under sanitizers."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

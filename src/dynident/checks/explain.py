@@ -140,9 +140,7 @@ MAX_CAUSES = 6  # causes that are looked for one after the other
 MAX_TRIED_SUSPECTS = 4  # suspects whose value is sought, of those that one step explains best
 MIN_SHARE_RATIO = 0.6  # times the largest share by one step: suspects below are not tried
 REVERSAL_TERMS = (TermKind.COULOMB, TermKind.SMOOTH, TermKind.STRIBECK, TermKind.DELAY)  # explain what is left there
-MAX_UNEXPLAINED_SHARE = (
-    0.1  # of the squared torque of a joint, that other inertias than the file's leave of right torques
-)
+MAX_UNEXPLAINED_SHARE = 0.1  # of a joint's squared torque: what a fit of other inertias may leave of right torques
 MAX_RIGHT_LOG_GAIN = 0.5  # natural logarithm of a gain, that a coupling with other joints must exclude
 MIN_TELLING_ERRORS = 2.0  # standard errors of the difference of two fits: less says nothing of which suspect it is
 MIN_TIE_RATIO = 0.9  # times the largest share: suspects from here on cannot be told apart

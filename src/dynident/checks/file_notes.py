@@ -76,7 +76,7 @@ class ReversedSign(Note):
 class OddScale(Note):
     """A torque of ``scale`` times the nominal one, which should be in ``unit``."""
 
-    topic = "scale"
+    topic, key_figure = "scale", "scale"
     forbids = Use.CONTROL
     scale: float
     unit: str
@@ -86,11 +86,6 @@ class OddScale(Note):
             f"the torque is {short(self.scale)} times that of the robot file's inertias. Is a gear ratio, a torque "
             f"constant or a unit missing in `gain`, or is `gravity` not in m/s^2? The torque should be in {self.unit}."
         )
-
-    @property
-    def figures(self) -> str:
-        """Its scale."""
-        return short(self.scale)
 
 
 class UnrelatedTorque(Note):

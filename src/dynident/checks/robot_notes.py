@@ -65,10 +65,7 @@ class TermKind(StrEnum):
     )
     DELAY = (
         *("delay of the torque", "a torque that {1} the positions by {2} s", ""),
-        (
-            "Shift this torque in the file, as `time_offset` is the same for all joints; or does friction build up "
-            "slowly after reversals, which looks alike?"
-        ),
+        "Shift this torque in the file, or does friction build up slowly? `time_offset` is the same for all joints.",
     )
     SATURATION = (
         *("torque that saturates", "saturation that takes {} of a torque of the usual size, of iron if negative", ""),
@@ -156,6 +153,7 @@ class SuspectedValue(WrongValue):
     ``others`` explain the residual as well.
     """
 
+    key_figure = "value"
     value: float
     std: float
     share: float
@@ -176,11 +174,6 @@ class SuspectedValue(WrongValue):
     def remedy(self) -> str:
         """What to do about it, in short, with the likeliest of the others that may be wrong instead."""
         return self._short_advice() + (f" Or as likely: {self.others[0]}." if self.others else "")
-
-    @property
-    def figures(self) -> str:
-        """The value as fitted."""
-        return short(self.value)
 
     def _short_advice(self) -> str:
         raise NotImplementedError
@@ -322,7 +315,7 @@ class MissingTerm(Costly):
     torque that is lost at its rms, negative where the torque shown is too large.
     """
 
-    topic = "missing term"
+    topic, key_figure = "missing term", "value"
     effect: TermKind
     value: float
     std: float
@@ -338,11 +331,6 @@ class MissingTerm(Costly):
     def remedy(self) -> str:
         """What to do about it, in short."""
         return f"the model lacks {self._effect_and_size}. {self.effect.remedy}"
-
-    @property
-    def figures(self) -> str:
-        """Its size."""
-        return short(self.value)
 
     @property
     def _effect_and_size(self) -> str:

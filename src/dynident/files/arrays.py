@@ -152,13 +152,10 @@ def _to_float64(array: NDArray[Any]) -> Array:
         return np.array(array, dtype=np.float64)
 
 
-def read_npy(path: Path, needed: Collection[str] | None = None) -> DataTable:
-    """Read a NumPy array, whose columns have the name of the file."""
-    return read_arrays({path.stem: _stored_array(partial(open_nonempty, path))}, needed, path)
-
-
-def read_npz(path: Path, needed: Collection[str] | None = None) -> DataTable:
-    """Read a NumPy archive."""
+def read_numpy(path: Path, needed: Collection[str] | None = None) -> DataTable:
+    """Read an array of NumPy, whose columns have the name of the file, or an archive of arrays."""
+    if path.suffix.lower() == ".npy":
+        return read_arrays({path.stem: _stored_array(partial(open_nonempty, path))}, needed, path)
     with open_nonempty(path) as file, open_npz(file) as arrays:
         return read_arrays(arrays, needed, path)
 

@@ -281,8 +281,7 @@ READERS = PartFamily(
     {
         **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".log"), "dynident.files.text:read_text"),
         ".parquet": "dynident.files.parquet:read_parquet",
-        ".npy": "dynident.files.arrays:read_npy",
-        ".npz": "dynident.files.arrays:read_npz",
+        **dict.fromkeys((".npy", ".npz"), "dynident.files.arrays:read_numpy"),
         ".mat": "dynident.files.matlab:read_mat",
         **dict.fromkeys((".h5", ".hdf5"), "dynident.files.matlab:read_hdf5"),
         **dict.fromkeys((".bag", ".db3", ".mcap"), "dynident.files.ros:read_bag"),
@@ -348,8 +347,7 @@ class _Rule:
         if self.items is not None and isinstance(value, Mapping | list | tuple):
             if self.count not in (None, len(value)):
                 raise ConfigError(f"{name} = {value}; give {self.count} entries.")
-            # parts keep mappings as pairs of name and value
-            try:
+            try:  # parts keep mappings as pairs of name and value
                 entries = dict(value).items() if self.keyed else enumerate(value, 1)
             except (TypeError, ValueError) as error:
                 raise ConfigError(f"{name} = {value}; give one value, or a mapping of them by name.") from error

@@ -9,6 +9,7 @@ from typing import ClassVar, Self, TypeVar, dataclass_transform
 
 from dynident.runtime.errors import InputError, join_names
 from dynident.runtime.saved_fields import TaggedUnion
+from dynident.runtime.text import short
 
 MAX_NAMES = 8  # places of like findings that are listed
 
@@ -60,13 +61,15 @@ class Note(Statement, TaggedUnion):
 
     The type determines severity and bearing. ``topic`` is a stable name for programs, empty where there is none.
     ``forbids`` is the use for which a model with such a note is no good: simulation, or control and with it any use.
-    ``advises``: whether it is a next step, though it does not say what that gains.
+    ``advises``: whether it is a next step, though it does not say what that gains. ``key_figure`` is the name of the
+    field that tells like findings apart, empty where there is none.
     """
 
     severity: ClassVar[Severity] = Severity.WARNING
     topic: ClassVar[str] = ""
     forbids: ClassVar[Use | None] = None
     advises: ClassVar[bool] = False
+    key_figure: ClassVar[str] = ""
 
     @property
     def forbidden(self) -> Use | None:
@@ -89,7 +92,7 @@ class Note(Statement, TaggedUnion):
     @property
     def figures(self) -> str:
         """Size and rows that each of several like findings has of its own, empty where there are none."""
-        return ""
+        return short(getattr(self, self.key_figure)) if self.key_figure else ""
 
 
 class Remark(Note):

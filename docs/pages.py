@@ -170,10 +170,10 @@ def name_places() -> dict[str, str]:
     """Return where each name of ``dynident`` is defined, read from its source."""
     tree = ast.parse((ROOT / "src" / "dynident" / "__init__.py").read_text(encoding="utf-8"))
     table = next(
-        node for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_MODULES"
+        node for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_NAMES"
     )
     modules: dict[str, str] = ast.literal_eval(table.value)
-    return {name: place_of(name, module) for name, module in modules.items()}
+    return {name: place_of(name, module) for module, names in modules.items() for name in names.split()}
 
 
 def place_of(name: str, module: str) -> str:

@@ -35,7 +35,8 @@ MIN_OTHER_MOTION = 0.01  # rad, m: what others move at least while one does not
 AVERAGING_SAMPLES = 500.0  # samples over which what is usual is averaged
 SETTLING_SAMPLES = 50  # samples until something is usual
 MAX_POSITION, MAX_TORQUE = 1e6, 1e9  # rad or m, N m or N: what is larger is no value of a sensor
-FAULT_KINDS = (FaultKind.MISSING, FaultKind.FROZEN, FaultKind.STILL, FaultKind.JUMPING)  # by number from one
+FAULT_KINDS = (FaultKind.MISSING, FaultKind.FROZEN, FaultKind.STILL, FaultKind.JUMPING)
+MISSING, FROZEN, STILL, JUMPING = range(1, 1 + len(FAULT_KINDS))  # their numbers; 0 is none
 
 
 def possible_values(q: Array, tau: Array) -> tuple[Array, Array]:
@@ -173,7 +174,8 @@ class Sensors:
         self.lost = np.where((self.missed == 0) & ~is_finite, t, self.lost)
         self.missed = np.where(is_finite, 0.0, self.missed + 1)
         self.gone = not is_finite.all()
-        yield from self._report_faults(t, (self.missed >= MISSING_SAMPLES) & (self.fault != 1), 1, self.lost)
+        is_missing = (self.missed >= MISSING_SAMPLES) & (self.fault != MISSING)
+        yield from self._report_faults(t, is_missing, MISSING, self.lost)
 
     def _check_changes(self, t: float, x: Array) -> Iterator[Event]:
         n, d = len(self.joints), x - self.value
@@ -203,7 +205,7 @@ class Sensors:
         ends = ~is_same & (self.run > 0)
         if ends.any():
             # a pause counts as usual only where others moved meanwhile and it ended as from rest
-            is_usual = ends & ((self.fault == 0) | (self.fault == 3))
+            is_usual = ends & ((self.fault == 0) | (self.fault == STILL))
             is_usual &= self.path - self.path_then > MIN_OTHER_MOTION
             is_usual &= (np.abs(d) <= ABRUPT_STOP_RATIO * np.sqrt(self.bend)) | (np.arange(len(d)) >= len(self.joints))
             self.excused[ends] = 0.0
@@ -258,7 +260,7 @@ class Sensors:
         if self.jumps[k] <= MAX_JUMPS:
             yield Fault(t, FaultKind.JUMP, Signal.POSITION, self.joints[k], since, float(self.leap[k]))
         elif self.fault[k] == 0:
-            yield from self._report_faults(t, np.arange(len(self.fault)) == k, 4, self.left_at)
+            yield from self._report_faults(t, np.arange(len(self.fault)) == k, JUMPING, self.left_at)
 
     def _check_frozen(self, t: float) -> Iterator[Event]:
         n, hold_time = len(self.joints), t - self.since
@@ -274,8 +276,8 @@ class Sensors:
         is_held = is_long & others_moved & (hold_time >= np.clip(usual, shortest, MAX_HOLD_TIME))
         is_still = position & is_held & (self.excused == 0)
         is_frozen = (stopped_abruptly | (~position & is_held)) & (self.fault == 0)
-        yield from self._report_faults(t, is_frozen, 2, self.since)
-        yield from self._report_faults(t, is_still & (self.fault == 0), 3, self.since)
+        yield from self._report_faults(t, is_frozen, FROZEN, self.since)
+        yield from self._report_faults(t, is_still & (self.fault == 0), STILL, self.since)
 
     def _report_faults(self, t: float, which: NDArray[np.bool_], kind: int, since: Array) -> Iterator[Event]:
         for k in np.flatnonzero(which).tolist():
@@ -285,10 +287,10 @@ class Sensors:
 
     def _check_recovery(self, t: float) -> Iterator[Event]:
         # the value changes again and has been a number for some samples
-        works = (self.missed == 0) & ((self.run == 0) | (self.fault == 1))
-        works &= (self.fault != 4) | (t - self.jumped_at >= JUMP_PAUSE)
+        works = (self.missed == 0) & ((self.run == 0) | (self.fault == MISSING))
+        works &= (self.fault != JUMPING) | (t - self.jumped_at >= JUMP_PAUSE)
         self.well = np.where(self.fault > 0, np.where(works, self.well + 1, 0.0), 0.0)
-        for k in np.flatnonzero((self.well >= RECOVERY_SAMPLES) | (works & (self.fault == 3))).tolist():
+        for k in np.flatnonzero((self.well >= RECOVERY_SAMPLES) | (works & (self.fault == STILL))).tolist():
             yield Back(t, *self._channel(k), float(self.began[k]))
             self.fault[k] = self.well[k] = self.run[k] = 0.0
         self._note()

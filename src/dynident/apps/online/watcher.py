@@ -306,7 +306,7 @@ class Watcher:
             (t, *_), self._estimation = self._take_held(count), None
             last_reason, count = self._refused[0], self._refused[1] + 1
             self._refused = str(error), count
-            is_said = last_reason != str(error) and (count <= MAX_REFUSALS or str(count).strip("0") == "1")
+            is_said = last_reason != str(error) and (count <= MAX_REFUSALS or math.log10(count).is_integer())
             return [Unreadable(float(t[-1]), len(t), str(error))] if is_said else []
         return []
 

@@ -55,6 +55,10 @@ TEXTS = {
         SCOPE,
         {"time [ms]": [0, 2], "A1.q [deg]": [1.5, 1.6], "A1.tau": [2, 3], "A2.q [deg]": [3, 4]},
     ),
+    "channels of an oscilloscope with stamps in parts of a ms": (
+        SCOPE.replace("\n0\t1,5\t2\t0\t3", "\n0,0\t1,5\t2\t0,0\t3"),
+        {"time [ms]": [0, 2], "A1.q [deg]": [1.5, 1.6], "A1.tau": [2, 3], "A2.q [deg]": [3, 4]},
+    ),
     "channels with stamps of their own": (
         "Name,q,Name,tau\n0,1,0.5,2\n1,3,1.5,4\n",
         {"time": [0, 1], "q": [1, 3], "time_2": [0.5, 1.5], "tau": [2, 4]},

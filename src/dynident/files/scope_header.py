@@ -17,14 +17,18 @@ _STAMPS = re.compile(r"time(_\d+)?( \[\w+\])?")
 
 
 def scope_names(lines: Iterable[list[str]]) -> tuple[list[str], int]:
-    """Return the names of the columns, stamps too, and the number of lines of such a header; 0 where it is none."""
+    """Return the names of the columns, stamps too, and the number of lines of such a header; 0 where it is none.
+
+    ``lines`` are the cells of the lines above the first row of numbers.
+    """
     properties: dict[str, list[str]] = {}
     starts: list[int] = []
     for cells in lines:
         key = next(iter(cells), "")
         places = [k for k, cell in enumerate(cells) if cell == key]
         starts = starts or places
-        if not key or key.isdecimal() or places != starts or key in properties:
+        is_uneven = any(len(cells) != len(others) for others in properties.values())
+        if not key or is_uneven or places != starts or key in properties:
             break
         properties[key] = cells
     step = next(filter(None, map(_STEP.fullmatch, properties)), None)

@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import takewhile
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -55,7 +56,9 @@ def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  
     body = _drop_title(body, len(row_cells(longest, separator)), separator)
     comments = [line for k, line in lines if k < body[0][0]]
     names, header = _find_header(body[0][1], comments, separator, body[1][1] if len(body) > 1 else "")
-    scope_columns, scope_lines = scope_names(row_cells(line, separator) for _, line in body[:MAX_TITLE_LINES])
+    top = (row_cells(line, separator) for _, line in body[:MAX_TITLE_LINES])
+    above = takewhile(lambda cells: not (cells and (_is_number(cells[0]) or is_stamp(cells[0]))), top)
+    scope_columns, scope_lines = scope_names(above)
     names, header_lines = (scope_columns, scope_lines) if scope_lines else (names, int(header))
     heads, body = body[:header_lines], body[header_lines:]
     if header and body and (units := unit_row(body[0][1], names, separator)) is not None:

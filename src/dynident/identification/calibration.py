@@ -133,7 +133,10 @@ class Preparation:
         return has_same_smoother and bool(has_same_tilt) and abs(self.time_offset - other.time_offset) < MAX_SAME_OFFSET
 
     def is_better(self, other: Preparation, model: Model, other_model: Model, move: float = 0.0) -> bool:
-        """Return whether a model on the motions, shifted by ``move`` (s), predicts left-out stretches surely better."""
+        """Return whether a model predicts left-out stretches surely better than ``other_model`` on ``other`` motions.
+
+        Its own motions are shifted by ``move`` (s).
+        """
         pairs = list(zip(other.motions.train, self.motions.train, strict=True))
         common = [replace(new, mask=old.mask & new.mask) for old, new in pairs]
         rows = subsample(common, trial_samples(self.model))
@@ -269,10 +272,10 @@ class ChosenTerms:
         ripples = [term for term in self.choice.terms if isinstance(term, Ripple)]
         return float(np.median([x.constant("delay", name) for x in ripples for name in x.acts_on] or [0.0]))
 
-    def loaded_model(self, *, is_prompt: bool = False) -> Model:
-        """Return the model with its load, in which the ripples that were chosen act at once if it ``is_prompt``."""
-        late = [term for term in self.choice.terms if isinstance(term, Ripple) and is_prompt]
-        terms = tuple(replace(term, delay=0.0) if term in late else term for term in self.model.terms)
+    def loaded_model(self, *, without_delay: bool = False) -> Model:
+        """Return the model with its load, ``without_delay`` with ripples that act at once where they were chosen."""
+        ripples = [term for term in self.choice.terms if isinstance(term, Ripple) and without_delay]
+        terms = tuple(replace(term, delay=0.0) if term in ripples else term for term in self.model.terms)
         return replace(self.model, terms=terms, load=self.choice.load if self.model.needs_load else None)
 
 
@@ -326,7 +329,11 @@ def choose_in_rounds(
         # All is aligned anew by the terms that were chosen, with their load, and what no longer gains is dropped.
         # the samples below a minimum speed that was chosen hold reversals, which show the time offset best
         trial_recipe = replace(terms.recipe, min_speed=recipe.min_speed)
-        full_model, trial_model, delay = terms.loaded_model(), terms.loaded_model(is_prompt=True), terms.ripple_delay
+        full_model, trial_model, delay = (
+            terms.loaded_model(),
+            terms.loaded_model(without_delay=True),
+            terms.ripple_delay,
+        )
         # late ripples hold the offset that they were found with, unless they are late because of that
         if not delay or not preparation.is_better(preparation, trial_model, full_model, -delay):
             trial_model = full_model

@@ -198,9 +198,9 @@ def test_stamps_that_increase_are_preferred():
 
 def test_rows_that_are_evenly_apart_have_a_rate_where_their_stamps_are_rounded_or_late():
     t, rng = np.arange(4000) * 0.004, np.random.default_rng(0)
-    late = np.maximum.accumulate(t + 0.06 * (rng.random(len(t)) < 0.02)) + 1e-7 * np.arange(len(t))
+    late_stamps = np.maximum.accumulate(t + 0.06 * (rng.random(len(t)) < 0.02)) + 1e-7 * np.arange(len(t))
     columns = {name: np.sin(2 * t + k) for k, name in enumerate(("q1", "q2", "tau1", "tau2"))}
-    for stamps in (np.floor(100 * t) / 100, np.round(100 * t) / 100, late):
+    for stamps in (np.floor(100 * t) / 100, np.round(100 * t) / 100, late_stamps):
         time = map_columns(table(time=stamps, **columns), NUMBERED).time
         assert (time.column, time.step) == (None, pytest.approx(0.004, rel=1e-3))
         assert "is this the sampling rate?" in time.question

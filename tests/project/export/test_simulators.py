@@ -68,8 +68,8 @@ def test_a_wrong_value_is_noticed(exporter):
 
 
 def test_ranges_are_those_of_95_percent_and_not_below_zero():
-    some = identified()
-    narrow, wide = (ranges(replace(some, std=k * some.std), drives(some, armature=True)) for k in (1.0, 1e3))
+    model = identified()
+    narrow, wide = (ranges(replace(model, std=k * model.std), drives(model, armature=True)) for k in (1.0, 1e3))
     assert {"armature", "damping", "friction", "mass"} == {x.attribute for x in narrow}
     assert all(x.high - x.low == pytest.approx(2 * 1.96 * 0.01, rel=1e-4) for x in narrow)
     assert {x.low for x in wide} == {0.0}

@@ -140,8 +140,8 @@ class Tracker:
         offset_samples = math.ceil(abs(self._late) / self.smoother.step) + OFFSET_MARGIN if self._late else 0
         self._shifted = Context(offset_samples, offset_samples)
         # the filter needs its transient before and after the samples that are delivered
-        rest = self.smoother.motion_at_rest(1000)
-        pad = 0 if self._filter is None else self._filter.pad_samples(self._filter.sections(rest))
+        motion_at_rest = self.smoother.motion_at_rest(1000)
+        pad = 0 if self._filter is None else self._filter.pad_samples(self._filter.sections(motion_at_rest))
         self._filtered = Context(pad, pad, 1 if self._filter is None else self._filter.decimate)
         self._memory = Context(OFFSET_MARGIN)  # the last samples, with what the terms remember there
 
